@@ -1,0 +1,12 @@
+"""The two ways in which a run can fail for a reason that a person can mend."""
+
+
+class InputError(Exception):
+    """The case, a file or an option is wrong: one sentence with place, cause and remedy (exit code 2).
+
+    May be raised on any subset of ranks inside `parallel.collective`, which makes it an error of all ranks.
+    """
+
+
+class ConvergenceError(Exception):
+    """Equilibrium was not reached at a load step (exit code 3); raised on all ranks alike."""

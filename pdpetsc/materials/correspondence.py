@@ -1,0 +1,140 @@
+"""Correspondence material (non-ordinary state-based): a classical law P(F) on the nonlocal deformation gradient.
+
+    K = sum_j w beta V_j xi (x) xi,  g_j = w beta V_j K^-1 xi_j,  F = I + H,  H = sum_j eta_j (x) g_j,
+    T<xi> = w P(F) K^-1 xi + T_z<xi>                     (seed 004 Eq. 3.16-3.22, 5.11; FORMULATION "Correspondence")
+
+The energy of a family is V_i (W(F) + zero-energy control), the family's forces are its gradient, and its tangent
+V_i g . dP/dF . g is symmetric.
+"""
+
+import numpy as np
+
+from pdpetsc.errors import InputError
+from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.materials.correspondence_kernels import cauchy_stresses, kernels
+from pdpetsc.materials.elasticity import elastic_law
+from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, Stabilisation, micromodulus
+
+SMALLEST_SHAPE = 1e-6
+"""Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
+
+
+class Correspondence(Material):
+    """Correspondence material on its families.
+
+    Args:
+        neighbourhood: the particles and families that it acts on.
+        weight: influence times partial-volume factor w beta of each bond [-].
+        elasticity: name of the law P(F) ("hencky", "saint_venant_kirchhoff", "neo_hookean").
+        young, poisson: E [force/area] and nu [-].
+        stabilisation: kind and strength of the zero-energy control.
+
+    Raises:
+        InputError: a family whose bonds do not span the dimension (singular shape tensor K).
+    """
+
+    name = "correspondence"
+
+    def __init__(
+        self,
+        neighbourhood: Neighbourhood,
+        weight: np.ndarray,
+        elasticity: str,
+        young: float,
+        poisson: float,
+        stabilisation: Stabilisation,
+    ):
+        self.families = families = neighbourhood.families
+        self._dual = neighbourhood.dual
+        self._elasticity = elasticity
+        self._stabilisation = stabilisation
+        self._law = law = elastic_law(elasticity, young, poisson)
+        self._volume = neighbourhood.volume
+        X = neighbourhood.position
+        dim = X.shape[1]
+        self._kernels = kernels(dim)
+
+        xi = X[families.neighbours] - families.per_bond(X)
+        omega = weight * neighbourhood.volume[families.neighbours]
+        shape = np.add.reduceat(omega[:, None, None] * xi[:, :, None] * xi[:, None, :], families.offsets[:-1], axis=0)
+        _check_shape(shape, families, X)
+        inverse = np.linalg.inv(shape)
+        sizes = np.diff(families.offsets)
+        self._g = omega[:, None] * np.einsum("bpq,bq->bp", np.repeat(inverse, sizes, axis=0), xi)
+        self._g_center = -np.add.reduceat(self._g, families.offsets[:-1], axis=0)
+
+        c = stabilisation.strength * micromodulus(
+            dim, law.lame, law.shear, neighbourhood.horizon[families.center], neighbourhood.thickness
+        )
+        if stabilisation.kind == "none":
+            c = np.zeros(len(families))
+        self._spring = np.repeat(c, sizes) * omega
+        self._affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
+        self._own = np.full(len(X), -1, np.int32)
+        self._own[families.center] = np.arange(len(families))
+        self._tensor = np.empty((0,) * 5)
+
+    def _family_arrays(self):
+        return self.families.center, self.families.offsets, self.families.neighbours, self._g
+
+    def add_force(self, u, force):
+        self._kernels.add_force(
+            self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, force
+        )
+
+    def add_force_scale(self, u, scale):
+        modulus = self._law.lame + 2 * self._law.shear
+        self._kernels.add_force_scale(modulus, *self._family_arrays(), self._spring, self._volume, u, scale)
+
+    def linearise(self, u):
+        if not len(self._tensor):
+            self._tensor = np.empty((len(self.families), *(u.shape[1],) * 4))
+        self._kernels.linearise(self._law, *self._family_arrays(), self._affine, u, self._tensor)
+
+    def add_action(self, du, force):
+        self._kernels.add_action(*self._family_arrays(), self._spring, self._tensor, self._volume, du, force)
+
+    def add_rows(self, row_offsets, columns, blocks):
+        dual = self._dual
+        self._kernels.add_rows(
+            *self._family_arrays(), self._g_center, self._spring, self._tensor, self._volume, self._own,
+            dual.offsets, dual.family, dual.bond, row_offsets, columns, blocks,
+        )  # fmt: skip
+
+    def energy(self, u):
+        energy = np.empty(len(self.families))
+        self._kernels.energies(
+            self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, energy
+        )
+        return energy
+
+    def displacement_gradient(self, u):
+        H = np.zeros((len(self.families), 3, 3))
+        self._kernels.gradients(*self._family_arrays(), u, H)
+        return H
+
+    def cauchy_stress(self, u):
+        H = self.displacement_gradient(u)
+        sigma = np.empty_like(H)
+        cauchy_stresses(self._law, H, sigma)
+        return sigma
+
+    def choices(self):
+        return {
+            "model": self.name,
+            "elasticity": self._elasticity,
+            "stabilisation": self._stabilisation._asdict(),
+        }
+
+
+def _check_shape(shape: np.ndarray, families, X: np.ndarray) -> None:
+    eigenvalues = np.linalg.eigvalsh(shape)
+    flat = np.flatnonzero(~(eigenvalues[:, 0] > SMALLEST_SHAPE * eigenvalues[:, -1]))
+    if len(flat):
+        where = ", ".join(f"{x:g}" for x in X[families.center[flat[0]]])
+        bonds = families.offsets[flat[0] + 1] - families.offsets[flat[0]]
+        raise InputError(
+            f"the family of the particle at ({where}), {bonds} bonds, does not span {X.shape[1]} dimensions "
+            "(singular shape tensor), so a correspondence material has no deformation gradient there; "
+            "enlarge body.horizon or add rows of particles"
+        )

@@ -1,0 +1,50 @@
+"""What every rank must do together: fail, speak once, and agree."""
+
+import sys
+import traceback
+from contextlib import contextmanager
+
+from mpi4py import MPI
+
+from pdpetsc.errors import InputError
+
+
+def abort_on_exception() -> None:
+    """End all ranks when one of them meets an exception that nobody handles; the others would wait for ever."""
+
+    def abort(kind, error, trace):
+        sys.stdout.flush()
+        traceback.print_exception(kind, error, trace)
+        sys.stderr.flush()
+        MPI.COMM_WORLD.Abort(130 if issubclass(kind, KeyboardInterrupt) else 1)
+
+    sys.excepthook = abort
+
+
+@contextmanager
+def collective(comm):
+    """Turn an InputError raised on any rank inside the block into one InputError on all ranks.
+
+    The block itself must be free of collective calls: a rank that failed does not reach them. When several
+    ranks fail, all raise the message of the lowest one.
+    """
+    message = None
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+    first = next((m for m in comm.allgather(message) if m is not None), None)
+    if first is not None:
+        raise InputError(first)
+
+
+def say(comm, *text) -> None:
+    """Print on the first rank."""
+    if comm.rank == 0:
+        print(*text, flush=True)
+
+
+def warn(comm, text: str) -> None:
+    """Print a warning on the first rank, on the error stream."""
+    if comm.rank == 0:
+        print(f"pdpetsc: warning: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,406 @@
+"""Reference solutions that owe nothing to peridynamics: closed forms and ordinary differential equations.
+
+All problems are plane strain with thickness 1 m and Hencky hyperelasticity (`tau = lambda tr(e) I + 2 mu e`,
+`e = 1/2 ln(F F^T)`), SI units, dead loads.  Theory: `docs/theory/references.md`; finite-element companions:
+`scripts/references` and `data/*.json`.  Forces and moments are per metre of thickness.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc, lambertw
+
+STRIP = {"length": 0.254, "depth": 5.08e-3, "E": 68.95e9, "nu": 0.25}  # seed 004 5.2.2 and 5.2.3
+CANTILEVER = {"length": 10.0, "depth": 1.0, "E": 12e6, "nu": 0.2}  # seed 004 4.4.2 and 5.2.4
+PLATE = {"length": 1.0, "height": 0.5, "E": 200e9, "nu": 0.33, "b": 2e10}  # seed 004 4.3.2
+
+
+def plane_strain_modulus(E, nu):
+    """E' = E / (1 - nu^2) [Pa]: the axial modulus in plane strain with free lateral faces."""
+    return E / (1.0 - nu**2)
+
+
+# ---------------------------------------------------------------- strips between immovable ends (von Karman)
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Solution of a uniformly loaded strip: midpoint deflection [m], w0/d [-], membrane force [N/m], a = beta L/2 [-]."""
+
+    w0: float
+    w0_over_d: float
+    membrane_force: float
+    a: float
+    length: float
+    depth: float
+    pressure: float
+    ends: str
+
+    def deflection(self, x):
+        """Deflection w [m] at distance x [m] from the left end (positive along the pressure)."""
+        s = 2.0 * np.asarray(x, float) / self.length - 1.0
+        if self.pressure == 0.0:
+            return np.zeros_like(s)
+        a, scale = self.a, self.pressure * self.length**2 / (8.0 * self.membrane_force)
+        if self.ends == "clamped":
+            hump = 2.0 / a * (np.cosh(a) - np.cosh(a * s)) / np.sinh(a)
+        else:
+            hump = 2.0 / a**2 * (1.0 - np.cosh(a * s) / np.cosh(a))
+        return scale * (1.0 - s**2 - hump)
+
+
+def _slope_shape(a, s, ends):
+    """-2 N w' / (p L) at s = 2x/L in [0, 1], summed from its power series: every term is positive, none cancel."""
+    k = np.arange(1, 61)[:, None]
+    log_term = (2 * k + 1) * np.log(a) - np.cumsum(np.log(2.0 * k * (2.0 * k + 1.0)), axis=0)
+    odd = np.exp(log_term)  # a^(2k+1) / (2k+1)!
+    if ends == "clamped":  # s - sinh(a s) / sinh a
+        return (odd * (s - s ** (2 * k + 1))).sum(axis=0) / np.sinh(a)
+    # s - sinh(a s) / (a cosh a), with a cosh a = sum (2k+1) a^(2k+1) / (2k+1)!
+    return (odd * ((2 * k + 1) * s - s ** (2 * k + 1))).sum(axis=0) / (a * np.cosh(a))
+
+
+def shortening_integral(a, ends):
+    """I(a) = int_0^1 (2 N w' / (p L))^2 ds, the shape factor of the strip's stretching [-].
+
+    clamped: `1/3 + 2/a^2 - 3 coth(a)/(2a) - 1/(2 sinh^2 a)`; pinned: `1/3 - 2/a^2 + 5 tanh(a)/(2 a^3) -
+    1/(2 a^2 cosh^2 a)` (used for a > 2, where they do not cancel; Gauss quadrature of the series below that).
+    """
+    if a > 2.0:
+        if ends == "clamped":
+            return 1 / 3 + 2 / a**2 - 1.5 / (a * np.tanh(a)) - 0.5 / np.sinh(a) ** 2
+        return 1 / 3 - 2 / a**2 + 2.5 * np.tanh(a) / a**3 - 0.5 / (a * np.cosh(a)) ** 2
+    s, weight = np.polynomial.legendre.leggauss(24)
+    return 0.5 * np.sum(weight * _slope_shape(a, 0.5 * (s + 1.0), ends) ** 2)
+
+
+def von_karman_strip(p, ends, length, depth, E, nu):
+    """Plate strip in cylindrical bending between immovable ends, moderate rotations (Timoshenko & Woinowsky-Krieger,
+    Theory of Plates and Shells, 2nd ed., ch. 1).
+
+    `D w'''' - N w'' = p`, `N L / (E' d) = 1/2 int w'^2 dx`, with `a = (L/2) sqrt(N/D)` and `q = p L^4/(E' d^4)`:
+    `q^2 = 8 a^6 / (27 I(a))`, `w0/d = 3 q/(8 a^2) h(a)`, `h = 1 - (2/a) tanh(a/2)` (clamped) or
+    `1 - (2/a^2)(1 - 1/cosh a)` (pinned).
+
+    Args:
+        p: pressure [Pa].
+        ends: "clamped" or "pinned".
+        length, depth: L, d [m].
+        E, nu: Young's modulus [Pa], Poisson's ratio [-].
+
+    Returns:
+        A `Strip`.
+    """
+    if p == 0.0:
+        return Strip(0.0, 0.0, 0.0, 0.0, length, depth, 0.0, ends)
+    modulus = plane_strain_modulus(E, nu)
+    q = p * length**4 / (modulus * depth**4)
+
+    def excess(log_a):
+        a = np.exp(log_a)
+        return np.log(8.0 * a**6 / (27.0 * shortening_integral(a, ends))) - 2.0 * np.log(q)
+
+    a = float(np.exp(brentq(excess, np.log(1e-8), np.log(300.0), xtol=1e-15, rtol=1e-14)))
+    if a < 0.02:  # 1 - (2/a) tanh(a/2) and its pinned twin by their series
+        h = a**2 / 12 - a**4 / 120 if ends == "clamped" else 5 * a**2 / 12 - 61 * a**4 / 360
+    elif ends == "clamped":
+        h = 1.0 - 2.0 / a * np.tanh(a / 2.0)
+    else:
+        h = 1.0 - 2.0 / a**2 * (1.0 - 1.0 / np.cosh(a))
+    ratio = 3.0 * q / (8.0 * a**2) * h
+    force = modulus * depth**3 * a**2 / (3.0 * length**2)
+    return Strip(float(ratio * depth), float(ratio), float(force), a, length, depth, float(p), ends)
+
+
+def clamped_strip(p, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25):
+    """w0/d of the clamped strip of seed 004 5.2.2 under the pressure p [Pa]: 0.5861 at 276 kPa (`von_karman_strip`)."""
+    return von_karman_strip(p, "clamped", length, depth, E, nu).w0_over_d
+
+
+def pinned_strip(p, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25):
+    """w0/d of the strip of seed 004 5.2.3 with pinned, immovable ends under p [Pa] (`von_karman_strip`)."""
+    return von_karman_strip(p, "pinned", length, depth, E, nu).w0_over_d
+
+
+def exact_strip(p, ends, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25, shear_factor=5 / 6):
+    """Midpoint w0/d of the same strip as a geometrically exact, shear-deformable beam (Reissner 1972), by `solve_bvp`.
+
+    Half span, s = S/L in [0, 1/2], unknowns x, y, theta, m and the constant horizontal force n_x:
+    `r' = (1 + N/E'd) t + (Q/(k G d)) n`, `theta' = M/D`, `M' = -(r' x n)`, `n_y = -p (L/2 - S)` for a downward load
+    (y counts downwards here).  End conditions: x = y = 0 and theta = 0 (clamped) or M = 0 (pinned);
+    x = L/2, theta = 0 at midspan.  Lengths are scaled by L, forces by D/L^2.
+
+    Args:
+        p: pressure per undeformed length [Pa].
+        ends: "clamped" or "pinned".
+        length, depth, E, nu: as in `von_karman_strip`.
+        shear_factor: k [-]; `numpy.inf` leaves out shear.
+    """
+    if p == 0.0:
+        return 0.0
+    modulus = plane_strain_modulus(E, nu)
+    bending = modulus * depth**3 / 12.0
+    axial = 12.0 * (length / depth) ** 2  # E' d L^2 / D
+    shear = shear_factor * E / (2.0 * (1.0 + nu)) * depth * length**2 / bending
+    load = p * length**3 / bending
+
+    def rates(s, z, parameter):
+        _, _, theta, moment = z
+        c, sn = np.cos(theta), np.sin(theta)
+        n_x, n_y = parameter[0], load * (0.5 - s)
+        normal, cross = n_x * c + n_y * sn, -n_x * sn + n_y * c
+        stretch, slide = 1.0 + normal / axial, cross / shear
+        dx, dy = stretch * c - slide * sn, stretch * sn + slide * c
+        return np.vstack((dx, dy, moment, -(dx * n_y - dy * n_x)))
+
+    def ends_residual(left, right, parameter):
+        root = left[2] if ends == "clamped" else left[3]
+        return np.array([left[0], left[1], root, right[0] - 0.5, right[2]])
+
+    small = von_karman_strip(p, ends, length, depth, E, nu)
+    s = np.linspace(0.0, 0.5, 41)
+    w = small.deflection(s * length) / length
+    theta = np.gradient(w, s)
+    guess = np.vstack((s, w, theta, np.gradient(theta, s)))
+    sol = solve_bvp(rates, ends_residual, s, guess, p=[4.0 * small.a**2], tol=1e-8, max_nodes=20000)
+    if not sol.success:
+        raise RuntimeError(f"geometrically exact strip at p = {p} Pa: {sol.message}")
+    return float(sol.y[1, -1]) * length / depth
+
+
+# ---------------------------------------------------------------- cantilever with a dead end load
+
+
+def elastica_tip(load, length=10.0, depth=1.0, E=12e6, nu=0.2):
+    """Tip displacements (shortening/L, deflection/L) of the inextensible elastica (Bisshopp & Drucker 1945).
+
+    With `alpha = P L^2/D` and tip slope theta_0: `k^2 = (1 + sin theta_0)/2`, `sin phi = 1/(k sqrt 2)`,
+    `sqrt(alpha) = K(k) - F(phi, k)`, `deflection/L = 1 - 2 (E(k) - E(phi, k))/sqrt(alpha)`,
+    `1 - shortening/L = sqrt(2 sin(theta_0)/alpha)`.
+    """
+    alpha = load * length**2 / (plane_strain_modulus(E, nu) * depth**3 / 12.0)
+
+    def root_alpha(m):
+        phi = np.arcsin(np.sqrt(0.5 / m))
+        return ellipk(m) - ellipkinc(phi, m)
+
+    m = brentq(lambda m: root_alpha(m) - np.sqrt(alpha), 0.5 + 1e-14, 1.0 - 1e-14, xtol=1e-16)
+    phi = np.arcsin(np.sqrt(0.5 / m))
+    deflection = 1.0 - 2.0 * (ellipe(m) - ellipeinc(phi, m)) / np.sqrt(alpha)
+    return 1.0 - np.sqrt(2.0 * (2.0 * m - 1.0) / alpha), deflection
+
+
+def hencky_pure_bending(curvature, nu, collocation=16):
+    """Exact plane-strain bending of a Hencky strip of unit depth to the curvature kappa, without axial force.
+
+    Sections stay plane: hoop stretch `kappa r(Y)`, radial stretch `r'(Y)`, so `P_r = tau_r/r'`, `P_h = tau_h/(kappa r)`,
+    equilibrium `dP_r/dY = kappa P_h`, free faces `P_r(+-1/2) = 0` (which makes the axial force vanish).  Solved by
+    Chebyshev collocation and Newton with a complex-step Jacobian.
+
+    Args:
+        curvature: kappa d [-]: angle between end sections per undeformed length, times the depth.
+        nu: Poisson's ratio.
+        collocation: polynomial degree across the depth.
+
+    Returns:
+        (moment / (E' d^2), stretch of the mid-height fibre minus one), both [-].
+    """
+    n = collocation
+    i = np.arange(n + 1)
+    y = np.cos(np.pi * i / n)  # 1 ... -1, on depth 1: Y = y/2
+    c = np.where((i == 0) | (i == n), 2.0, 1.0) * (-1.0) ** i
+    gap = y[:, None] - y[None, :] + np.eye(n + 1)
+    derivative = np.outer(c, 1.0 / c) / gap
+    derivative -= np.diag(derivative.sum(axis=1))
+    derivative *= 2.0
+    first, second = (1 - nu) ** 2 / (1 - 2 * nu), nu * (1 - nu) / (1 - 2 * nu)  # (lambda + 2 mu)/E', lambda/E'
+
+    def stresses(radius):
+        # radius = 1/kappa + v(Y): the unknown is v, so that small curvatures do not cancel
+        hoop, radial = 1.0 + curvature * radius, derivative @ radius
+        p_r = (first * np.log(radial) + second * np.log(hoop)) / radial
+        p_h = (first * np.log(hoop) + second * np.log(radial)) / hoop
+        return p_r, p_h
+
+    def residual(radius):
+        p_r, p_h = stresses(radius)
+        out = derivative @ p_r - curvature * p_h
+        out[0], out[-1] = p_r[0], p_r[-1]
+        return out
+
+    v = 0.5 * y.astype(float)
+    for _ in range(30):
+        r = residual(v)
+        jacobian = np.array([residual(v + 1e-30j * e).imag for e in np.eye(n + 1)]).T / 1e-30
+        step = np.linalg.solve(jacobian, r)
+        v = v - step
+        if np.abs(step).max() < 1e-13:
+            break
+    else:
+        raise RuntimeError(f"pure bending at kappa d = {curvature} did not converge")
+    _, p_h = stresses(v)
+    fit = np.polynomial.chebyshev.chebfit(y, np.column_stack((p_h * v, v)), n)
+    k = np.arange(0, n + 1, 2)
+    moment = float(np.sum(fit[::2, 0] * 2.0 / (1.0 - k**2)) / 2.0)  # int over Y of P_h (r - 1/kappa)
+    middle = float(np.polynomial.chebyshev.chebval(0.0, fit[:, 1]))
+    return moment, curvature * middle
+
+
+@lru_cache(maxsize=8)
+def hencky_section(nu, largest=0.9):
+    """Polynomial section law of a Hencky strip of unit depth from `hencky_pure_bending`, as functions of the moment.
+
+    Returns:
+        (kappa, strain, d strain/dm): callables of `m = M/(E' d^2)`; kappa d is odd in m, the mid-height strain even.
+    """
+    samples = largest * np.linspace(0.05, 1.0, 20)
+    table = np.array([hencky_pure_bending(k, nu) for k in samples])
+    m, top = table[:, 0], table[-1, 0]
+    z = (m / top) ** 2
+    odd = np.polynomial.Polynomial.fit(z, samples / m, 7, domain=[0, 1], window=[0, 1])
+    even = np.polynomial.Polynomial.fit(z, table[:, 1] / z, 7, domain=[0, 1], window=[0, 1])
+    strain = even * np.polynomial.Polynomial([0, 1], domain=[0, 1], window=[0, 1])
+    slope = strain.deriv()
+    return (
+        lambda moment: moment * odd((moment / top) ** 2),
+        lambda moment: strain((moment / top) ** 2),
+        lambda moment: slope((moment / top) ** 2) * 2.0 * moment / top**2,
+    )
+
+
+@dataclass(frozen=True)
+class Beam:
+    """Displaced midline of a cantilever: functions of the reference abscissa X [m] with values in m, and the tip's u/L."""
+
+    length: float
+    horizontal: float
+    vertical: float
+    solution: object
+
+    def displacement(self, X):
+        """(u_x, u_y) [m] of the midline at X [m]; u_y along the load."""
+        s = np.asarray(X, float) / self.length
+        x, y = self.solution(s)[:2]
+        return self.length * (x - s), self.length * y
+
+
+def cantilever_beam(
+    load, length=10.0, depth=1.0, E=12e6, nu=0.2, section="linear", stretch=True, shear_factor=5 / 6, loaded_from=None
+):
+    """Geometrically exact cantilever (Reissner 1972) with a dead end load transverse to it, by `solve_bvp`.
+
+    `r' = (1 + eps) t + gamma n`, `theta' = kappa`, `M' = -(r' x f)`, f the force carried by the section;
+    x = y = theta = 0 at the root, M = 0 at the tip.  Section laws:
+    "linear": `eps = N/(E'd)`, `gamma = Q/(k G d)`, `kappa = M/D`;
+    "hencky": `kappa = kappa_0(M) + N c'(M)`, `eps = c(M) + N/(E'd)` with the exact pure bending kappa_0 and
+    mid-height strain c of `hencky_section` (complementary energy `Psi(M) + N c(M) + N^2/(2 E'd)`, so terms beyond the
+    first order in N/(E'd), and finite-strain shear, are left out).
+
+    Args:
+        load: total transverse force P [N/m].
+        section: "linear" or "hencky".
+        stretch: False leaves out axial strain (with shear_factor = inf: the inextensible elastica).
+        shear_factor: k [-].
+        loaded_from: if given, P is spread evenly over [loaded_from, length] instead of acting at the tip.
+
+    Returns:
+        A `Beam`; `horizontal` is negative (the tip moves towards the root), `vertical` positive along the load.
+    """
+    modulus = plane_strain_modulus(E, nu)
+    depth_ratio = depth / length
+    alpha = load * length**2 / (modulus * depth**3 / 12.0)  # forces scaled by D/L^2
+    axial = 12.0 / depth_ratio**2 if stretch else np.inf
+    shear = shear_factor * (1.0 - nu) / 2.0 * 12.0 / depth_ratio**2  # k G d L^2/D
+    kappa_of, strain_of, strain_rate = hencky_section(nu) if section == "hencky" else (None, None, None)
+
+    def force(s):
+        if loaded_from is None:
+            return alpha * np.ones_like(s)
+        start = loaded_from / length
+        return alpha * np.clip((1.0 - s) / (1.0 - start), 0.0, 1.0)
+
+    def rates(s, z):
+        _, _, theta, moment = z
+        c, sn = np.cos(theta), np.sin(theta)
+        f = force(s)
+        normal, cross = f * sn, f * c
+        eps, kappa = normal / axial, moment
+        if section == "hencky":
+            m = moment * depth_ratio / 12.0  # M/(E' d^2)
+            eps = eps + strain_of(m)
+            kappa = kappa_of(m) / depth_ratio + normal * strain_rate(m) * depth_ratio / 12.0
+        slide = cross / shear
+        dx, dy = (1.0 + eps) * c - slide * sn, (1.0 + eps) * sn + slide * c
+        return np.vstack((dx, dy, kappa, -dx * f))
+
+    def ends_residual(left, right):
+        return np.array([left[0], left[1], left[2], right[3]])
+
+    s = np.unique(np.r_[np.linspace(0.0, 1.0, 41), (loaded_from or 0.0) / length])
+    guess = np.vstack((s, np.zeros_like(s), np.zeros_like(s), np.zeros_like(s)))
+    target, sol = alpha, None
+    for alpha in target * np.linspace(0.0, 1.0, max(2, int(np.ceil(target)) + 1))[1:]:
+        sol = solve_bvp(rates, ends_residual, s, guess, tol=1e-9, max_nodes=20000)
+        if not sol.success:
+            raise RuntimeError(f"cantilever at {load} N: {sol.message}")
+        guess = sol.sol(s)
+    return Beam(length, float(sol.y[0, -1]) - 1.0, float(sol.y[1, -1]), sol.sol)
+
+
+# ---------------------------------------------------------------- plate in tension
+
+
+def tension_small_strain(X, Y, dx, length=1.0, height=0.5, E=200e9, nu=0.33, b=2e10):
+    """Small-strain displacement of the plate of seed 004 4.3.2, pulled by a body force b in a layer dx at each end.
+
+    Origin at the centre, A = L/2 - dx: `sigma_xx = b dx` for |X| <= A and `b (L/2 - |X|)` in the layers, so
+    `u_x = b dx X/E'` and, in the layers with xi = |X| - A, `sgn(X) (b/E') (dx A + dx xi - xi^2/2)`;
+    `u_y = -nu (1 + nu)/E sigma_xx Y`.  Exact between the layers up to the Saint-Venant effect of the layers; inside them
+    it is the one-dimensional solution (the jump of d sigma/dX at |X| = A is not compatible in two dimensions).
+
+    Returns:
+        (u_x, u_y) [m].
+    """
+    X, Y = np.broadcast_arrays(np.asarray(X, float), np.asarray(Y, float))
+    inner = 0.5 * length - dx
+    xi = np.clip(np.abs(X) - inner, 0.0, dx)
+    u_x = np.sign(X) * b / plane_strain_modulus(E, nu) * (dx * np.minimum(np.abs(X), inner) + dx * xi - 0.5 * xi**2)
+    return u_x, -nu * (1.0 + nu) / E * b * (dx - xi) * Y
+
+
+def hencky_uniaxial(nominal_stress, E, nu):
+    """Stretches of a Hencky solid in plane-strain tension with free lateral faces, exact at finite strain.
+
+    `tau_yy = 0` gives `e_y = -nu/(1-nu) e_x`, `tau_xx = E' e_x`, `P_xx = E' ln(l)/l`: `l = exp(-W(-P/E'))` with Lambert's
+    W (largest nominal stress E'/e, at l = e), `l_y = l^(-nu/(1-nu))`.
+
+    Returns:
+        (l_x, l_y) [-].
+    """
+    ratio = np.asarray(nominal_stress, float) / plane_strain_modulus(E, nu)
+    if np.any(ratio > np.exp(-1.0)):
+        raise ValueError("no equilibrium: the nominal stress exceeds E'/e")
+    log_stretch = -np.real(lambertw(-ratio))
+    return np.exp(log_stretch), np.exp(-nu / (1.0 - nu) * log_stretch)
+
+
+def tension_hencky(X, Y, dx, length=1.0, height=0.5, E=200e9, nu=0.33, b=2e10):
+    """Finite-strain (Hencky) twin of `tension_small_strain`: dead body force b per reference volume, nominal stress
+    `P = b dx` between the layers and `b (L/2 - |X|)` inside.
+
+    In a layer `int l dX = (E'/b) [g(ln l_A) - g(ln l)]` with `g(t) = t - t^2/2`, because `P = E' t exp(-t)`.
+
+    Returns:
+        (u_x, u_y) [m].
+    """
+    X, Y = np.broadcast_arrays(np.asarray(X, float), np.asarray(Y, float))
+    inner = 0.5 * length - dx
+    xi = np.clip(np.abs(X) - inner, 0.0, dx)
+    stretch, lateral = hencky_uniaxial(b * (dx - xi), E, nu)
+    t_a, t = np.log(hencky_uniaxial(b * dx, E, nu)[0]), np.log(stretch)
+    layer = plane_strain_modulus(E, nu) / b * ((t_a - 0.5 * t_a**2) - (t - 0.5 * t**2)) - xi
+    u_x = np.sign(X) * ((np.exp(t_a) - 1.0) * np.minimum(np.abs(X), inner) + layer)
+    return u_x, (lateral - 1.0) * Y
