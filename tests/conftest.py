@@ -1,9 +1,9 @@
 """How tests meet MPI.
 
-A test marked `mpi` runs inside MPI: on one process under plain pytest, on 1, 2 and 3 ranks under `scripts/test`, which starts
-`mpirun -n N python -m pytest -m mpi`. It takes the communicator from the fixture `comm`, and every rank must reach every
-collective in it. `@pytest.mark.mpi(min_size=2)` skips it on fewer ranks. The ranks are kept in step: a test that fails on
-one rank fails on all, and one that some rank never leaves ends the whole job and shows where it stood.
+A test marked `mpi` runs inside MPI: on one process under plain pytest, on 1, 2 and 3 ranks under `scripts/test`, which
+starts `mpirun -n N python -m pytest -m mpi`. It takes the communicator from the fixture `comm`, and every rank must
+reach every collective in it. `@pytest.mark.mpi(min_size=2)` skips it on fewer ranks. The ranks are kept in step: a test
+that fails on one rank fails on all, and one that some rank never leaves ends the whole job and shows where it stood.
 
 Every other test runs once, on one process. Those that need ranks start their own, with the fixture `run_pdpetsc`.
 """
@@ -13,6 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -29,7 +30,7 @@ OF_MPIRUN = (
 )  # fmt: skip
 
 
-# Fixtures ------------------------------------------------------------------------------------------------------------------------
+# Fixtures -----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="session")
@@ -50,18 +51,17 @@ def shared_tmp_path(comm, tmp_path) -> Path:
 def run_pdpetsc(tmp_path):
     """`run_pdpetsc(ranks, *arguments, cwd=tmp_path, limit=120, env={})`: run `python -m pdpetsc` as a user would.
 
-    Starts `mpirun -n ranks`, or python alone when ranks is None, and returns the `subprocess.CompletedProcess` with stdout and
-    stderr as text, whatever the exit code. A run that takes longer than `limit` seconds is ended and fails the test.
+    Starts `mpirun -n ranks`, or python alone when ranks is None, and returns the `subprocess.CompletedProcess` with
+    stdout and stderr as text, whatever the exit code. A run longer than `limit` seconds is ended and fails the test.
     """
 
     def run(ranks: int | None, *arguments, cwd=tmp_path, limit: float = 120, env: dict | None = None):
         launcher = [] if ranks is None else [mpirun(), "-n", str(ranks)]
         command = [*launcher, sys.executable, "-m", "pdpetsc", *map(str, arguments)]
-        # Files, not pipes: ranks that outlive a killed mpirun would keep a pipe open, and reading it would wait for them.
-        with open(tmp_path / "stdout", "w+b") as out, open(tmp_path / "stderr", "w+b") as err:
-            job = subprocess.Popen(
-                command, cwd=cwd, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=environment_for_mpirun() | (env or {})
-            )
+        environment = environment_for_mpirun() | (env or {})
+        # Files, not pipes: ranks that outlive a killed mpirun would keep a pipe open, and a reader would wait for them.
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+            job = subprocess.Popen(command, cwd=cwd, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=environment)
             ended = wait(job, limit)
             texts = []
             for stream in (out, err):
@@ -83,7 +83,7 @@ def mpirun() -> str:
 
 
 def environment_for_mpirun() -> dict[str, str]:
-    """This process's environment without the traces of its own MPI, and with what mpirun needs as root and on few cores."""
+    """This process's environment without the traces of its own MPI, with what mpirun needs as root and on few cores."""
     inherited = {name: value for name, value in os.environ.items() if not name.startswith(OF_MPIRUN)}
     here = str(Path(__file__).parents[1])
     defaults = {
@@ -100,7 +100,7 @@ def environment_for_mpirun() -> dict[str, str]:
 
 
 def wait(job: subprocess.Popen, limit: float) -> bool:
-    """Wait for the job; after `limit` seconds ask it to end (mpirun then ends its ranks), and kill it if it does not."""
+    """Whether the job ends by itself in `limit` seconds; if not, end it (told to, mpirun ends its ranks)."""
     for action in (None, job.terminate, job.kill):
         if action:
             action()
@@ -112,7 +112,7 @@ def wait(job: subprocess.Popen, limit: float) -> bool:
     return False
 
 
-# Ranks in step -------------------------------------------------------------------------------------------------------------------
+# Ranks in step ------------------------------------------------------------------------------------------------
 
 
 def pytest_collection_modifyitems(items):
@@ -136,9 +136,13 @@ def number_of_ranks() -> int:
     return MPI.COMM_WORLD.size
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
     if UNDER_MPIRUN:
         config.pluginmanager.register(RanksInStep(), "ranks-in-step")
+        if not config.option.basetemp:  # each rank its own, or they clear away one another's directories
+            config.option.basetemp = tempfile.mkdtemp(prefix="pdpetsc-tests-")
+            config.add_cleanup(lambda: shutil.rmtree(config.option.basetemp, ignore_errors=True))
 
 
 class RanksInStep:
@@ -174,7 +178,7 @@ class RanksInStep:
         return report
 
     def failing_ranks(self, item) -> list[int]:
-        """The ranks on which the test has failed. Ends the job when this one did and the others do not come out of it."""
+        """The ranks on which the test failed. Ends the job when this one did and the others do not come out of it."""
         flags = bytearray(self.comm.size)
         request = self.comm.Iallgather(bytes([bool(self.failures)]), flags)
         deadline = time.monotonic() + (SECONDS_TO_FOLLOW if self.failures else float("inf"))

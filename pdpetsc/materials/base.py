@@ -52,6 +52,11 @@ class Material:
     couples_family: ClassVar[bool] = True
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
 
+    families: Families
+    dual: DualFamilies
+    modulus: float
+    """P-wave modulus lambda + 2 mu [force/area], the size of the stiffness."""
+
     def __init_subclass__(cls):
         if "name" in cls.__dict__:
             Material.models[cls.name] = cls

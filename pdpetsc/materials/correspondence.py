@@ -45,10 +45,11 @@ class Correspondence(Material):
         stabilisation: Stabilisation,
     ):
         self.families = families = neighbourhood.families
-        self._dual = neighbourhood.dual
+        self.dual = neighbourhood.dual
         self._elasticity = elasticity
         self._stabilisation = stabilisation
         self._law = law = elastic_law(elasticity, young, poisson)
+        self.modulus = law.lame + 2 * law.shear
         self._volume = neighbourhood.volume
         X = neighbourhood.position
         dim = X.shape[1]
@@ -83,8 +84,7 @@ class Correspondence(Material):
         )
 
     def add_force_scale(self, u, scale):
-        modulus = self._law.lame + 2 * self._law.shear
-        self._kernels.add_force_scale(modulus, *self._family_arrays(), self._spring, self._volume, u, scale)
+        self._kernels.add_force_scale(self.modulus, *self._family_arrays(), self._spring, self._volume, u, scale)
 
     def linearise(self, u):
         if not len(self._tensor):
@@ -95,7 +95,7 @@ class Correspondence(Material):
         self._kernels.add_action(*self._family_arrays(), self._spring, self._tensor, self._volume, du, force)
 
     def add_rows(self, row_offsets, columns, blocks):
-        dual = self._dual
+        dual = self.dual
         self._kernels.add_rows(
             *self._family_arrays(), self._g_center, self._spring, self._tensor, self._volume, self._own,
             dual.offsets, dual.family, dual.bond, row_offsets, columns, blocks,

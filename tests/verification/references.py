@@ -23,12 +23,127 @@ def plane_strain_modulus(E, nu):
     return E / (1.0 - nu**2)
 
 
+# ---------------------------------------------------------------- section of a Hencky strip
+
+
+def hencky_uniaxial(nominal_stress, E, nu):
+    """Stretches of a Hencky solid in plane-strain tension with free lateral faces, exact at finite strain.
+
+    `tau_yy = 0` gives `e_y = -nu/(1-nu) e_x`, `tau_xx = E' e_x`, `P_xx = E' ln(l)/l`: `l = exp(-W(-P/E'))` with
+    Lambert's W (largest nominal stress E'/e, at l = e), `l_y = l^(-nu/(1-nu))`.
+
+    Returns:
+        (l_x, l_y) [-].
+    """
+    ratio = np.asarray(nominal_stress, float) / plane_strain_modulus(E, nu)
+    if np.any(ratio > np.exp(-1.0)):
+        raise ValueError("no equilibrium: the nominal stress exceeds E'/e")
+    log_stretch = -np.real(lambertw(-ratio))
+    return np.exp(log_stretch), np.exp(-nu / (1.0 - nu) * log_stretch)
+
+
+def hencky_pure_bending(curvature, nu, collocation=16):
+    """Exact plane-strain bending of a Hencky strip of unit depth to the curvature kappa, without axial force.
+
+    Sections stay plane: hoop stretch `kappa r(Y)`, radial stretch `r'(Y)`, so `P_r = tau_r/r'`,
+    `P_h = tau_h/(kappa r)`, equilibrium `dP_r/dY = kappa P_h`, free faces `P_r(+-1/2) = 0` (which makes the axial
+    force vanish).  Solved by Chebyshev collocation and Newton with a complex-step Jacobian.
+
+    Args:
+        curvature: kappa d [-]: angle between end sections per undeformed length, times the depth.
+        nu: Poisson's ratio.
+        collocation: polynomial degree across the depth.
+
+    Returns:
+        (moment / (E' d^2), stretch of the mid-height fibre minus one), both [-].
+    """
+    n = collocation
+    i = np.arange(n + 1)
+    y = np.cos(np.pi * i / n)  # 1 ... -1, on depth 1: Y = y/2
+    c = np.where((i == 0) | (i == n), 2.0, 1.0) * (-1.0) ** i
+    gap = y[:, None] - y[None, :] + np.eye(n + 1)
+    derivative = np.outer(c, 1.0 / c) / gap
+    derivative -= np.diag(derivative.sum(axis=1))
+    derivative *= 2.0
+    first, second = (1 - nu) ** 2 / (1 - 2 * nu), nu * (1 - nu) / (1 - 2 * nu)  # (lambda + 2 mu)/E', lambda/E'
+
+    def stresses(radius):
+        # radius = 1/kappa + v(Y): the unknown is v, so that small curvatures do not cancel
+        hoop, radial = 1.0 + curvature * radius, derivative @ radius
+        p_r = (first * np.log(radial) + second * np.log(hoop)) / radial
+        p_h = (first * np.log(hoop) + second * np.log(radial)) / hoop
+        return p_r, p_h
+
+    def residual(radius):
+        p_r, p_h = stresses(radius)
+        out = derivative @ p_r - curvature * p_h
+        out[0], out[-1] = p_r[0], p_r[-1]
+        return out
+
+    v = 0.5 * y.astype(float)
+    for _ in range(30):
+        r = residual(v)
+        jacobian = np.array([residual(v + 1e-30j * e).imag for e in np.eye(n + 1)]).T / 1e-30
+        step = np.linalg.solve(jacobian, r)
+        v = v - step
+        if np.abs(step).max() < 1e-13:
+            break
+    else:
+        raise RuntimeError(f"pure bending at kappa d = {curvature} did not converge")
+    _, p_h = stresses(v)
+    fit = np.polynomial.chebyshev.chebfit(y, np.column_stack((p_h * v, v)), n)
+    k = np.arange(0, n + 1, 2)
+    moment = float(np.sum(fit[::2, 0] * 2.0 / (1.0 - k**2)) / 2.0)  # int over Y of P_h (r - 1/kappa)
+    middle = float(np.polynomial.chebyshev.chebval(0.0, fit[:, 1]))
+    return moment, curvature * middle
+
+
+@lru_cache(maxsize=8)
+def hencky_section(nu, largest=0.9):
+    """Polynomial section law of a Hencky strip of unit depth from `hencky_pure_bending`, as functions of the moment.
+
+    Returns:
+        (kappa, strain, d strain/dm): callables of `m = M/(E' d^2)`; kappa d is odd in m, the mid-height strain even.
+    """
+    samples = largest * np.linspace(0.05, 1.0, 20)
+    table = np.array([hencky_pure_bending(k, nu) for k in samples])
+    m, top = table[:, 0], table[-1, 0]
+    z = (m / top) ** 2
+    odd = np.polynomial.Polynomial.fit(z, samples / m, 7, domain=[0, 1], window=[0, 1])
+    even = np.polynomial.Polynomial.fit(z, table[:, 1] / z, 7, domain=[0, 1], window=[0, 1])
+    strain = even * np.polynomial.Polynomial([0, 1], domain=[0, 1], window=[0, 1])
+    slope = strain.deriv()
+    return (
+        lambda moment: moment * odd((moment / top) ** 2),
+        lambda moment: strain((moment / top) ** 2),
+        lambda moment: slope((moment / top) ** 2) * 2.0 * moment / top**2,
+    )
+
+
+def section_law(section, nu):
+    """Strains of a plane-strain section from its force and moment, n = N/(E' d), m = M/(E' d^2).
+
+    "linear": `eps = n`, `kappa d = 12 m`.  "hencky": from the complementary energy `psi(m) + n c(m) + phi(n)`,
+    `eps = l(n) - 1 + c(m)`, `kappa d = kappa_0(m) + n c'(m)`: l exact in pure tension (`hencky_uniaxial`), kappa_0 and
+    c exact in pure bending (`hencky_section`), their interaction to first order in n.
+
+    Returns:
+        A function (n, m) -> (eps, kappa d); eps belongs to the mid-height fibre.
+    """
+    if section == "linear":
+        return lambda n, m: (n, 12.0 * m)
+    if section != "hencky":
+        raise ValueError(f"section law {section!r}: choose linear or hencky")
+    bend, strain, slope = hencky_section(nu)
+    return lambda n, m: (hencky_uniaxial(n, 1.0, 0.0)[0] - 1.0 + strain(m), bend(m) + n * slope(m))
+
+
 # ---------------------------------------------------------------- strips between immovable ends (von Karman)
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Solution of a uniformly loaded strip: midpoint deflection [m], w0/d [-], membrane force [N/m], a = beta L/2 [-]."""
+    """Solution of a uniformly loaded strip: midpoint deflection [m], w0/d [-], membrane force [N/m], a = beta L/2."""
 
     w0: float
     w0_over_d: float
@@ -125,36 +240,42 @@ def pinned_strip(p, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25):
     return von_karman_strip(p, "pinned", length, depth, E, nu).w0_over_d
 
 
-def exact_strip(p, ends, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25, shear_factor=5 / 6):
+def exact_strip(
+    p, ends, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25, section="linear", shear_factor=5 / 6, load_height=0.0
+):
     """Midpoint w0/d of the same strip as a geometrically exact, shear-deformable beam (Reissner 1972), by `solve_bvp`.
 
-    Half span, s = S/L in [0, 1/2], unknowns x, y, theta, m and the constant horizontal force n_x:
-    `r' = (1 + N/E'd) t + (Q/(k G d)) n`, `theta' = M/D`, `M' = -(r' x n)`, `n_y = -p (L/2 - S)` for a downward load
-    (y counts downwards here).  End conditions: x = y = 0 and theta = 0 (clamped) or M = 0 (pinned);
-    x = L/2, theta = 0 at midspan.  Lengths are scaled by L, forces by D/L^2.
+    Half span, s = S/L in [0, 1/2], unknowns x, y (along the load), theta, M and the constant horizontal force n_x:
+    `r' = (1 + eps) t + gamma n`, `theta' = kappa`, `M' = -(r' x f) - p h sin(theta)`, `f = (n_x, p (L/2 - S))`.
+    Ends: x = y = 0 and theta = 0 (clamped) or M = 0 (pinned); x = L/2, theta = 0 at midspan.  A dead load that acts at
+    the height h above the middle gives the couple `p h sin(theta)` and, by the mean transverse stress `-p h/d`, the
+    extension `nu/(1-nu) p h/(E' d)`.  Lengths are scaled by L, forces by D/L^2.
 
     Args:
         p: pressure per undeformed length [Pa].
         ends: "clamped" or "pinned".
         length, depth, E, nu: as in `von_karman_strip`.
+        section: "linear" or "hencky" (`section_law`).
         shear_factor: k [-]; `numpy.inf` leaves out shear.
+        load_height: h [m] (depth/2: pressure on the upper face).
     """
     if p == 0.0:
         return 0.0
     modulus = plane_strain_modulus(E, nu)
-    bending = modulus * depth**3 / 12.0
-    axial = 12.0 * (length / depth) ** 2  # E' d L^2 / D
-    shear = shear_factor * E / (2.0 * (1.0 + nu)) * depth * length**2 / bending
-    load = p * length**3 / bending
+    ratio = depth / length
+    axial = 12.0 / ratio**2  # E' d L^2 / D
+    shear = shear_factor * (1.0 - nu) / 2.0 * axial  # k G d L^2 / D
+    load = 12.0 * p / (modulus * ratio**3)  # p L^3 / D
+    couple, squeeze = load * load_height / length, nu / (1.0 - nu) * p * load_height / (modulus * depth)
 
-    def rates(s, z, parameter):
+    def rates(s, z, parameter, law):
         _, _, theta, moment = z
         c, sn = np.cos(theta), np.sin(theta)
         n_x, n_y = parameter[0], load * (0.5 - s)
-        normal, cross = n_x * c + n_y * sn, -n_x * sn + n_y * c
-        stretch, slide = 1.0 + normal / axial, cross / shear
+        eps, bend = law((n_x * c + n_y * sn) / axial, moment * ratio / 12.0)
+        stretch, slide = 1.0 + eps + squeeze, (n_y * c - n_x * sn) / shear
         dx, dy = stretch * c - slide * sn, stretch * sn + slide * c
-        return np.vstack((dx, dy, moment, -(dx * n_y - dy * n_x)))
+        return np.vstack((dx, dy, bend / ratio, dy * n_x - dx * n_y - couple * sn))
 
     def ends_residual(left, right, parameter):
         root = left[2] if ends == "clamped" else left[3]
@@ -164,11 +285,15 @@ def exact_strip(p, ends, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25, shear_
     s = np.linspace(0.0, 0.5, 41)
     w = small.deflection(s * length) / length
     theta = np.gradient(w, s)
-    guess = np.vstack((s, w, theta, np.gradient(theta, s)))
-    sol = solve_bvp(rates, ends_residual, s, guess, p=[4.0 * small.a**2], tol=1e-8, max_nodes=20000)
-    if not sol.success:
-        raise RuntimeError(f"geometrically exact strip at p = {p} Pa: {sol.message}")
-    return float(sol.y[1, -1]) * length / depth
+    guess, tension = np.vstack((s, w, theta, np.gradient(theta, s))), [4.0 * small.a**2]
+    for law in [section_law(name, nu) for name in dict.fromkeys(("linear", section))]:  # the linear law leads the way
+        sol = solve_bvp(
+            lambda s, z, f, law=law: rates(s, z, f, law), ends_residual, s, guess, p=tension, tol=1e-8, max_nodes=20000
+        )
+        if not sol.success:
+            raise RuntimeError(f"geometrically exact strip at p = {p} Pa: {sol.message}")
+        s, guess, tension = sol.x, sol.y, sol.p
+    return float(sol.y[1, -1]) / ratio
 
 
 # ---------------------------------------------------------------- cantilever with a dead end load
@@ -193,87 +318,9 @@ def elastica_tip(load, length=10.0, depth=1.0, E=12e6, nu=0.2):
     return 1.0 - np.sqrt(2.0 * (2.0 * m - 1.0) / alpha), deflection
 
 
-def hencky_pure_bending(curvature, nu, collocation=16):
-    """Exact plane-strain bending of a Hencky strip of unit depth to the curvature kappa, without axial force.
-
-    Sections stay plane: hoop stretch `kappa r(Y)`, radial stretch `r'(Y)`, so `P_r = tau_r/r'`, `P_h = tau_h/(kappa r)`,
-    equilibrium `dP_r/dY = kappa P_h`, free faces `P_r(+-1/2) = 0` (which makes the axial force vanish).  Solved by
-    Chebyshev collocation and Newton with a complex-step Jacobian.
-
-    Args:
-        curvature: kappa d [-]: angle between end sections per undeformed length, times the depth.
-        nu: Poisson's ratio.
-        collocation: polynomial degree across the depth.
-
-    Returns:
-        (moment / (E' d^2), stretch of the mid-height fibre minus one), both [-].
-    """
-    n = collocation
-    i = np.arange(n + 1)
-    y = np.cos(np.pi * i / n)  # 1 ... -1, on depth 1: Y = y/2
-    c = np.where((i == 0) | (i == n), 2.0, 1.0) * (-1.0) ** i
-    gap = y[:, None] - y[None, :] + np.eye(n + 1)
-    derivative = np.outer(c, 1.0 / c) / gap
-    derivative -= np.diag(derivative.sum(axis=1))
-    derivative *= 2.0
-    first, second = (1 - nu) ** 2 / (1 - 2 * nu), nu * (1 - nu) / (1 - 2 * nu)  # (lambda + 2 mu)/E', lambda/E'
-
-    def stresses(radius):
-        # radius = 1/kappa + v(Y): the unknown is v, so that small curvatures do not cancel
-        hoop, radial = 1.0 + curvature * radius, derivative @ radius
-        p_r = (first * np.log(radial) + second * np.log(hoop)) / radial
-        p_h = (first * np.log(hoop) + second * np.log(radial)) / hoop
-        return p_r, p_h
-
-    def residual(radius):
-        p_r, p_h = stresses(radius)
-        out = derivative @ p_r - curvature * p_h
-        out[0], out[-1] = p_r[0], p_r[-1]
-        return out
-
-    v = 0.5 * y.astype(float)
-    for _ in range(30):
-        r = residual(v)
-        jacobian = np.array([residual(v + 1e-30j * e).imag for e in np.eye(n + 1)]).T / 1e-30
-        step = np.linalg.solve(jacobian, r)
-        v = v - step
-        if np.abs(step).max() < 1e-13:
-            break
-    else:
-        raise RuntimeError(f"pure bending at kappa d = {curvature} did not converge")
-    _, p_h = stresses(v)
-    fit = np.polynomial.chebyshev.chebfit(y, np.column_stack((p_h * v, v)), n)
-    k = np.arange(0, n + 1, 2)
-    moment = float(np.sum(fit[::2, 0] * 2.0 / (1.0 - k**2)) / 2.0)  # int over Y of P_h (r - 1/kappa)
-    middle = float(np.polynomial.chebyshev.chebval(0.0, fit[:, 1]))
-    return moment, curvature * middle
-
-
-@lru_cache(maxsize=8)
-def hencky_section(nu, largest=0.9):
-    """Polynomial section law of a Hencky strip of unit depth from `hencky_pure_bending`, as functions of the moment.
-
-    Returns:
-        (kappa, strain, d strain/dm): callables of `m = M/(E' d^2)`; kappa d is odd in m, the mid-height strain even.
-    """
-    samples = largest * np.linspace(0.05, 1.0, 20)
-    table = np.array([hencky_pure_bending(k, nu) for k in samples])
-    m, top = table[:, 0], table[-1, 0]
-    z = (m / top) ** 2
-    odd = np.polynomial.Polynomial.fit(z, samples / m, 7, domain=[0, 1], window=[0, 1])
-    even = np.polynomial.Polynomial.fit(z, table[:, 1] / z, 7, domain=[0, 1], window=[0, 1])
-    strain = even * np.polynomial.Polynomial([0, 1], domain=[0, 1], window=[0, 1])
-    slope = strain.deriv()
-    return (
-        lambda moment: moment * odd((moment / top) ** 2),
-        lambda moment: strain((moment / top) ** 2),
-        lambda moment: slope((moment / top) ** 2) * 2.0 * moment / top**2,
-    )
-
-
 @dataclass(frozen=True)
 class Beam:
-    """Displaced midline of a cantilever: functions of the reference abscissa X [m] with values in m, and the tip's u/L."""
+    """Displaced midline of a cantilever: functions of the reference abscissa X [m], and the tip's u/L."""
 
     length: float
     horizontal: float
@@ -292,58 +339,49 @@ def cantilever_beam(
 ):
     """Geometrically exact cantilever (Reissner 1972) with a dead end load transverse to it, by `solve_bvp`.
 
-    `r' = (1 + eps) t + gamma n`, `theta' = kappa`, `M' = -(r' x f)`, f the force carried by the section;
-    x = y = theta = 0 at the root, M = 0 at the tip.  Section laws:
-    "linear": `eps = N/(E'd)`, `gamma = Q/(k G d)`, `kappa = M/D`;
-    "hencky": `kappa = kappa_0(M) + N c'(M)`, `eps = c(M) + N/(E'd)` with the exact pure bending kappa_0 and
-    mid-height strain c of `hencky_section` (complementary energy `Psi(M) + N c(M) + N^2/(2 E'd)`, so terms beyond the
-    first order in N/(E'd), and finite-strain shear, are left out).
+    `r' = (1 + eps) t + gamma n`, `theta' = kappa`, `M' = -(r' x f)`, f the force carried by the section,
+    `gamma = Q/(k G d)`; x = y = theta = 0 at the root, M = 0 at the tip.
 
     Args:
         load: total transverse force P [N/m].
-        section: "linear" or "hencky".
-        stretch: False leaves out axial strain (with shear_factor = inf: the inextensible elastica).
+        length, depth, E, nu: L, d [m], Young's modulus [Pa], Poisson's ratio [-].
+        section: "linear" or "hencky" (`section_law`).
+        stretch: False leaves out axial strain (with shear_factor = inf and the linear law: the inextensible elastica).
         shear_factor: k [-].
         loaded_from: if given, P is spread evenly over [loaded_from, length] instead of acting at the tip.
 
     Returns:
         A `Beam`; `horizontal` is negative (the tip moves towards the root), `vertical` positive along the load.
     """
-    modulus = plane_strain_modulus(E, nu)
-    depth_ratio = depth / length
-    alpha = load * length**2 / (modulus * depth**3 / 12.0)  # forces scaled by D/L^2
-    axial = 12.0 / depth_ratio**2 if stretch else np.inf
-    shear = shear_factor * (1.0 - nu) / 2.0 * 12.0 / depth_ratio**2  # k G d L^2/D
-    kappa_of, strain_of, strain_rate = hencky_section(nu) if section == "hencky" else (None, None, None)
+    ratio = depth / length
+    target = 12.0 * load / (plane_strain_modulus(E, nu) * depth * ratio**2)  # P L^2/D; forces are scaled by D/L^2
+    axial = 12.0 / ratio**2 if stretch else np.inf
+    shear = shear_factor * (1.0 - nu) / 2.0 * 12.0 / ratio**2  # k G d L^2/D
+    law = section_law(section, nu)
 
-    def force(s):
+    def carried(s):
         if loaded_from is None:
-            return alpha * np.ones_like(s)
-        start = loaded_from / length
-        return alpha * np.clip((1.0 - s) / (1.0 - start), 0.0, 1.0)
+            return np.ones_like(s)
+        return np.clip((1.0 - s) / (1.0 - loaded_from / length), 0.0, 1.0)
 
-    def rates(s, z):
+    def rates(s, z, alpha):
         _, _, theta, moment = z
         c, sn = np.cos(theta), np.sin(theta)
-        f = force(s)
-        normal, cross = f * sn, f * c
-        eps, kappa = normal / axial, moment
-        if section == "hencky":
-            m = moment * depth_ratio / 12.0  # M/(E' d^2)
-            eps = eps + strain_of(m)
-            kappa = kappa_of(m) / depth_ratio + normal * strain_rate(m) * depth_ratio / 12.0
-        slide = cross / shear
+        f = alpha * carried(s)
+        eps, bend = law(f * sn / axial, moment * ratio / 12.0)
+        slide = f * c / shear
         dx, dy = (1.0 + eps) * c - slide * sn, (1.0 + eps) * sn + slide * c
-        return np.vstack((dx, dy, kappa, -dx * f))
+        return np.vstack((dx, dy, bend / ratio, -dx * f))
 
     def ends_residual(left, right):
         return np.array([left[0], left[1], left[2], right[3]])
 
     s = np.unique(np.r_[np.linspace(0.0, 1.0, 41), (loaded_from or 0.0) / length])
     guess = np.vstack((s, np.zeros_like(s), np.zeros_like(s), np.zeros_like(s)))
-    target, sol = alpha, None
-    for alpha in target * np.linspace(0.0, 1.0, max(2, int(np.ceil(target)) + 1))[1:]:
-        sol = solve_bvp(rates, ends_residual, s, guess, tol=1e-9, max_nodes=20000)
+    for alpha in np.linspace(0.0, target, max(2, int(np.ceil(target)) + 1))[1:]:
+        sol = solve_bvp(
+            lambda s, z, alpha=alpha: rates(s, z, alpha), ends_residual, s, guess, tol=1e-9, max_nodes=20000
+        )
         if not sol.success:
             raise RuntimeError(f"cantilever at {load} N: {sol.message}")
         guess = sol.sol(s)
@@ -358,8 +396,8 @@ def tension_small_strain(X, Y, dx, length=1.0, height=0.5, E=200e9, nu=0.33, b=2
 
     Origin at the centre, A = L/2 - dx: `sigma_xx = b dx` for |X| <= A and `b (L/2 - |X|)` in the layers, so
     `u_x = b dx X/E'` and, in the layers with xi = |X| - A, `sgn(X) (b/E') (dx A + dx xi - xi^2/2)`;
-    `u_y = -nu (1 + nu)/E sigma_xx Y`.  Exact between the layers up to the Saint-Venant effect of the layers; inside them
-    it is the one-dimensional solution (the jump of d sigma/dX at |X| = A is not compatible in two dimensions).
+    `u_y = -nu (1 + nu)/E sigma_xx Y`.  Exact between the layers up to the Saint-Venant effect of the layers; inside
+    them it is the one-dimensional solution (the jump of d sigma/dX at |X| = A is not compatible in two dimensions).
 
     Returns:
         (u_x, u_y) [m].
@@ -369,22 +407,6 @@ def tension_small_strain(X, Y, dx, length=1.0, height=0.5, E=200e9, nu=0.33, b=2
     xi = np.clip(np.abs(X) - inner, 0.0, dx)
     u_x = np.sign(X) * b / plane_strain_modulus(E, nu) * (dx * np.minimum(np.abs(X), inner) + dx * xi - 0.5 * xi**2)
     return u_x, -nu * (1.0 + nu) / E * b * (dx - xi) * Y
-
-
-def hencky_uniaxial(nominal_stress, E, nu):
-    """Stretches of a Hencky solid in plane-strain tension with free lateral faces, exact at finite strain.
-
-    `tau_yy = 0` gives `e_y = -nu/(1-nu) e_x`, `tau_xx = E' e_x`, `P_xx = E' ln(l)/l`: `l = exp(-W(-P/E'))` with Lambert's
-    W (largest nominal stress E'/e, at l = e), `l_y = l^(-nu/(1-nu))`.
-
-    Returns:
-        (l_x, l_y) [-].
-    """
-    ratio = np.asarray(nominal_stress, float) / plane_strain_modulus(E, nu)
-    if np.any(ratio > np.exp(-1.0)):
-        raise ValueError("no equilibrium: the nominal stress exceeds E'/e")
-    log_stretch = -np.real(lambertw(-ratio))
-    return np.exp(log_stretch), np.exp(-nu / (1.0 - nu) * log_stretch)
 
 
 def tension_hencky(X, Y, dx, length=1.0, height=0.5, E=200e9, nu=0.33, b=2e10):

@@ -1,0 +1,3 @@
+"""pdpetsc: implicit peridynamics in parallel, on PETSc."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,211 @@
+"""The assembler: residual, tangent and tangent action of the whole body, the place where kernels meet PETSc."""
+
+import numpy as np
+from numba import njit
+from petsc4py import PETSc
+
+from pdpetsc.loads.base import Constraint, Load
+from pdpetsc.materials.base import Material
+from pdpetsc.matrix import TangentMatrix
+from pdpetsc.particles import Particles
+from pdpetsc.sparsity import tangent_sparsity
+
+
+class Assembler:
+    """Equilibrium r(u) = dW/du - f_ext = 0 of materials and loads on distributed particles.
+
+    Constrained entries are overwritten by their prescribed value before forces are evaluated, and their rows read
+    r_c = s (u_c - prescribed), s a typical diagonal of the tangent: their columns are then exactly zero elsewhere and
+    the tangent stays symmetric. Everything here is pure in u; `set_time` alone changes the loads.
+
+    Args:
+        particles: the distributed particles.
+        materials: models, each on its own families.
+        loads: constraints and forces.
+    """
+
+    def __init__(self, particles: Particles, materials: list[Material], loads: list[Load]):
+        self.particles = particles
+        self.materials = materials
+        self._constraints = [load for load in loads if isinstance(load, Constraint)]
+        self._forces = [load for load in loads if not isinstance(load, Constraint)]
+        shape = (particles.owned, particles.dim)
+        self.constrained = np.zeros(shape, bool)
+        for constraint in self._constraints:
+            self.constrained[constraint.entries] = True
+        self._free = np.ones((particles.local, particles.dim))
+        self._free[: particles.owned] = ~self.constrained
+        particles.exchange.forward(self._free)
+        self.prescribed = np.zeros(shape)
+        self.external = np.zeros(shape)
+        self.constraint_scale = self._typical_diagonal()
+        self._matrix: TangentMatrix | None = None
+        self._sparsity = None
+        self._square_scale = 0.0
+
+    @property
+    def dim(self) -> int:
+        return self.particles.dim
+
+    @property
+    def mpi(self):
+        """The mpi4py communicator."""
+        return self.particles.comm.tompi4py()
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is symmetric."""
+        return all(material.symmetric for material in self.materials)
+
+    def _typical_diagonal(self) -> float:
+        p = self.particles
+        total = sum(
+            (m.modulus * p.volume[m.families.center] / p.spacing[m.families.center] ** 2).sum() for m in self.materials
+        )
+        return self.mpi.allreduce(float(total)) / p.count
+
+    def set_time(self, time: float) -> None:
+        """Prescribed values and external forces at a time."""
+        for constraint in self._constraints:
+            self.prescribed[constraint.entries] = constraint.values(time)
+        self.external[:] = 0
+        for load in self._forces:
+            load.add(time, self.external)
+
+    def vector(self) -> PETSc.Vec:
+        """A global vector with one entry for each displacement component."""
+        n = self.dim
+        return PETSc.Vec().createMPI(
+            (self.particles.owned * n, self.particles.count * n), bsize=n, comm=self.particles.comm
+        )
+
+    def localise(self, owned: np.ndarray) -> np.ndarray:
+        """(local, dim) array with the ghosts of an owned field."""
+        field = np.empty((self.particles.local, *owned.shape[1:]))
+        field[: self.particles.owned] = owned
+        return self.particles.exchange.forward(field)
+
+    def internal_force(self, u: np.ndarray) -> np.ndarray:
+        """dW/du on the owned particles, (owned, dim), of owned displacements."""
+        local = self.localise(u)
+        force = np.zeros_like(local)
+        for material in self.materials:
+            material.add_force(local, force)
+        return self.particles.exchange.reverse_add(force)[: self.particles.owned]
+
+    def unbalanced_force(self, u: np.ndarray) -> np.ndarray:
+        """dW/du - f_ext before the constraints; on constrained entries this is the reaction of the support."""
+        return self.internal_force(u) - self.external
+
+    def residual_array(self, u: np.ndarray) -> np.ndarray:
+        """r(u) on the owned particles, (owned, dim)."""
+        r = self.unbalanced_force(np.where(self.constrained, self.prescribed, u))
+        self._square_scale = float((self.external**2).sum() + (r[self.constrained] ** 2).sum())
+        r[self.constrained] = self.constraint_scale * (u - self.prescribed)[self.constrained]
+        return r
+
+    def residual_scale(self) -> float:
+        """sqrt(|f_ext|^2 + |reactions|^2) at the last residual: what a residual is compared with (collective)."""
+        return self.mpi.allreduce(self._square_scale) ** 0.5
+
+    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """SNES function."""
+        r = self.residual_array(x.getArray(readonly=True).reshape(-1, self.dim))
+        f.getArray()[...] = r.ravel()
+
+    def rounding_floor(self, u: np.ndarray) -> float:
+        """Norm of the rounding error of a residual: machine precision times the terms that cancel in it (collective).
+
+        A residual that has come down to a few times this cannot be reduced further in double precision.
+        """
+        local = self.localise(u)
+        scale = np.zeros(self.particles.local)
+        for material in self.materials:
+            material.add_force_scale(local, scale)
+        scale = self.particles.exchange.reverse_add(scale)[: self.particles.owned]
+        return np.finfo(float).eps * self.mpi.allreduce(float((scale**2).sum())) ** 0.5
+
+    def linearise(self, u: np.ndarray) -> None:
+        """Prepare `action` and the assembled tangent at owned displacements."""
+        local = self.localise(np.where(self.constrained, self.prescribed, u))
+        for material in self.materials:
+            material.linearise(local)
+
+    def action(self, du: np.ndarray) -> np.ndarray:
+        """K du of the last `linearise` on owned particles, without constraints (columns and rows complete)."""
+        local = self.localise(du)
+        force = np.zeros_like(local)
+        for material in self.materials:
+            material.add_action(local, force)
+        return self.particles.exchange.reverse_add(force)[: self.particles.owned]
+
+    def matrix(self) -> PETSc.Mat:
+        """The PETSc matrix of the tangent, its pattern made on first use."""
+        if self._matrix is None:
+            parts = [(m.families, m.dual, m.couples_family) for m in self.materials]
+            self._sparsity = tangent_sparsity(self.particles, parts)
+            self._matrix = TangentMatrix(self.particles, self._sparsity)
+            self._matrix.mat.setNearNullSpace(self._rigid_body_modes())
+        return self._matrix.mat
+
+    def tangent(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        """SNES Jacobian: P is filled, J follows when it is the same or a matrix-free operator."""
+        self.assemble(x.getArray(readonly=True).reshape(-1, self.dim))
+        if J != P:
+            J.assemble()
+
+    def assemble(self, u: np.ndarray) -> PETSc.Mat:
+        """Fill the matrix at owned displacements."""
+        mat = self.matrix()
+        self.linearise(u)
+        sparsity = self._sparsity
+        blocks = sparsity.zero_blocks(self.dim)
+        for material in self.materials:
+            material.add_rows(sparsity.row_offsets, sparsity.columns, blocks)
+        _constrain(sparsity.row_offsets, sparsity.columns, self._free, self.particles.owned, self.constraint_scale, blocks)
+        self._matrix.fill(sparsity.reverse_add(blocks))
+        mat.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
+        return mat
+
+    def _rigid_body_modes(self) -> PETSc.NullSpace:
+        """Translations and rotations, zero on constrained entries, orthonormal: the near-nullspace for multigrid."""
+        p = self.particles
+        X = p.position[: p.owned]
+        modes = []
+        for k in range(p.dim):
+            mode = np.zeros((p.owned, p.dim))
+            mode[:, k] = 1
+            modes.append(mode)
+        for a in range(p.dim):
+            for b in range(a + 1, p.dim):
+                mode = np.zeros((p.owned, p.dim))
+                mode[:, a], mode[:, b] = -X[:, b], X[:, a]
+                modes.append(mode)
+        vectors = []
+        for mode in modes:
+            vector = self.vector()
+            vector.getArray()[...] = np.where(self.constrained, 0.0, mode).ravel()
+            before = vector.norm()
+            for _ in range(2):  # Gram-Schmidt twice is enough
+                for other in vectors:
+                    vector.axpy(-vector.dot(other), other)
+            if vector.norm() > 1e-8 * before:
+                vector.normalize()
+                vectors.append(vector)
+        return PETSc.NullSpace().create(vectors=vectors, comm=p.comm)
+
+
+@njit(cache=True)
+def _constrain(row_offsets, columns, free, owned, scale, blocks):
+    """Zero the rows and columns of constrained entries and put `scale` on their diagonal."""
+    dim = free.shape[1]
+    for a in range(len(row_offsets) - 1):
+        for k in range(row_offsets[a], row_offsets[a + 1]):
+            b = columns[k]
+            if b < 0:
+                continue
+            for p in range(dim):
+                for q in range(dim):
+                    blocks[k, p, q] *= free[a, p] * free[b, q]
+                if a == b and a < owned and free[a, p] == 0.0:
+                    blocks[k, p, p] = scale

@@ -1,0 +1,81 @@
+"""Lattice bodies: a line, a rectangle or a block of cells with one particle in the middle of each."""
+
+import re
+
+import numpy as np
+
+from pdpetsc.errors import InputError
+from pdpetsc.particles import Points
+
+FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
+"""Faces of a box: axis and side (0: towards smaller coordinates)."""
+
+NAMES = ("X", "Y", "Z")
+
+
+def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarray]:
+    """The variables of expressions of a place: X, Y, Z as far as the dimension goes, and the spacing."""
+    return dict(zip(NAMES, position.T)) | {"spacing": spacing}
+
+
+def layer_rows(width: str | float, cell: float, horizon: float) -> int:
+    """Rows of particles in a fictitious layer `width` wide: a length, "horizon" or "2 horizon"."""
+    if isinstance(width, str):
+        number = re.fullmatch(r"\s*([\d.]*)\s*horizon\s*", width)[1]
+        return max(1, int(float(number or 1) * horizon / cell + 1e-6))
+    return max(1, round(width / cell))
+
+
+def box(comm, body, keep, horizon) -> Points:
+    """This rank's share of the particles of a box.
+
+    The cells are numbered with x fastest and shared out in that order, so that the ids, dense over the particles that
+    are kept, do not depend on the number of ranks.
+
+    Args:
+        comm: mpi4py communicator.
+        body: size, spacing, origin, thickness, layers of the case's `[body]`.
+        keep: condition of X, Y, Z, spacing that tells which particles exist, or None.
+        horizon: function of (position, spacing) that gives each particle's horizon.
+
+    Raises:
+        InputError: the body has no particle, or its size is no multiple of its spacing.
+    """
+    size = np.array(body.size, float)
+    dim = len(size)
+    inner = np.maximum(1, np.rint(size / body.spacing)).astype(np.int64)
+    cell = size / inner
+    if np.any(np.abs(cell / body.spacing - 1) > 0.05):
+        raise InputError(
+            f"body.size: {list(body.size)} is not a multiple of the spacing {body.spacing:g}; "
+            f"the nearest lattice has {' x '.join(map(str, inner))} cells of {' x '.join(f'{c:.6g}' for c in cell)}"
+        )
+    spacing = float(np.prod(cell) ** (1 / dim))
+    center = np.array(body.origin) + size / 2
+    reach = float(horizon(center[None], np.array([spacing]))[0])
+    extra = np.zeros((dim, 2), np.int64)
+    for face, width in body.layers.items():
+        axis, side = FACES[face]
+        extra[axis, side] = layer_rows(width, cell[axis], reach)
+    counts = inner + extra.sum(axis=1)
+
+    total = int(np.prod(counts))
+    first, last = total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
+    index = np.stack(np.unravel_index(np.arange(first, last), counts, order="F"), axis=1)
+    position = np.array(body.origin) + (index - extra[:, 0] + 0.5) * cell
+    spacings = np.full(len(position), spacing)
+    if keep is not None:
+        kept = keep.mask(**coordinates(position, spacings))
+        position, spacings = position[kept], spacings[kept]
+
+    n = len(position)
+    offset = comm.scan(n) - n
+    if comm.allreduce(n) == 0:
+        raise InputError("body.keep: no particle is left; the condition is false everywhere")
+    return Points(
+        id=np.arange(offset, offset + n),
+        position=position,
+        volume=np.full(n, np.prod(cell) * body.thickness),
+        spacing=spacings,
+        horizon=horizon(position, spacings),
+    )

@@ -1,0 +1,156 @@
+"""The command line: what is asked for, and how a run ends."""
+
+import argparse
+import shutil
+import sys
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+
+from mpi4py import MPI
+
+from pdpetsc import __version__, case, parallel
+from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.expressions import hint
+
+DEFAULT_CASE = "clamped_beam"
+COMMANDS = ("run", "list", "restart")
+HELP = f"""\
+pdpetsc {__version__}: implicit peridynamics in parallel, on PETSc
+
+  pdpetsc [run] [CASE] [--out DIR] [--set key=value ...] [--quiet] [PETSc options]
+  pdpetsc restart DIR [--quiet] [PETSc options]
+  pdpetsc list
+
+CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT for a variant
+(default: {DEFAULT_CASE}).
+
+  --out DIR         where results go (default: results/CASE); an earlier result there is replaced
+  --set key=value   override one entry of the case: body.spacing=0.01, load.0.value="-1e-4 * t"
+  --quiet           print warnings and errors only
+  --version         print the version
+  -h, --help        print this text; -help is PETSc's own
+
+Options with one dash go to PETSc and win over [petsc] in the case.
+
+Examples:
+  pdpetsc                                          the built-in case, in seconds
+  pdpetsc plate.toml:coarse --out /tmp/plate       a variant of a case of your own
+  mpirun -n 4 python -m pdpetsc plate.toml -snes_monitor -ksp_type cg -pc_type gamg
+  pdpetsc restart results/plate                    go on from the last checkpoint
+
+Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
+4 an expectation missed, 5 stopped by a signal with a checkpoint written."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports mistakes as InputError, so that they are said once and not by every rank."""
+
+    def error(self, message: str):
+        raise InputError(f"{message}; see pdpetsc --help")
+
+
+def parse(arguments: list[str]) -> argparse.Namespace:
+    """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `quiet`.
+
+    Raises:
+        InputError: The command line makes no sense.
+    """
+    parser = _Parser(prog="pdpetsc", add_help=False, allow_abbrev=False)
+    parser.add_argument("words", nargs="*")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="key=value")
+    parser.add_argument("--quiet", action="store_true")
+    parser.add_argument("--version", action="store_true")
+    parser.add_argument("-h", "--help", action="store_true")
+    request = parser.parse_intermixed_args(arguments)
+    words = request.words
+    request.command = words.pop(0) if words and words[0] in COMMANDS else "run"
+    if request.help or request.version:
+        request.command = "help" if request.help else "version"
+        return request
+    known = {"run": 1, "list": 0, "restart": 1}[request.command]
+    unknown = [word for word in words if not case.is_case(word)] if request.command == "run" else words[known:]
+    if unknown:
+        names = [*COMMANDS, *case.bundled()]
+        raise InputError(
+            f"unknown word {unknown[0]!r}{hint(unknown[0], names)}; commands: {', '.join(COMMANDS)}; "
+            f"bundled cases: {', '.join(case.bundled())}; a case of your own is a path that ends in .toml"
+        )
+    if len(words) > known:
+        raise InputError(f"more than one case: {', '.join(words)}")
+    if request.command == "restart" and not words:
+        raise InputError("restart needs the directory of an earlier result")
+    if request.command != "run" and (request.out or request.overrides):
+        raise InputError(f"{request.command} takes neither --out nor --set")
+    request.operand = words[0] if words else DEFAULT_CASE
+    return request
+
+
+def petsc_defaults(arguments: list[str]) -> Mapping:
+    """Return the [petsc] table of the case that is asked for, before PETSc starts and ranks can talk.
+
+    A mistake is passed over here: `main` meets it again and reports it.
+    """
+    try:
+        request = parse(arguments)
+        return case.load(request.operand, request.overrides).petsc if request.command == "run" else {}
+    except InputError:
+        return {}
+
+
+def main(arguments: list[str]) -> int:
+    """Do what the command line asks for, on all ranks.
+
+    Args:
+        arguments: Our own part of the command line.
+
+    Returns:
+        The exit code.
+    """
+    parallel.abort_on_exception()
+    comm = MPI.COMM_WORLD
+    try:
+        return _do(parse(arguments), comm)
+    except InputError as error:
+        code, message = 2, error
+    except ConvergenceError as error:
+        code, message = 3, error
+    if comm.rank == 0:
+        print(f"pdpetsc: error: {message}", file=sys.stderr, flush=True)
+    return code
+
+
+def _do(request: argparse.Namespace, comm) -> int:
+    if request.command == "help":
+        parallel.say(comm, HELP)
+    elif request.command == "version":
+        parallel.say(comm, f"pdpetsc {__version__}")
+    elif request.command == "list":
+        parallel.say(comm, _catalogue())
+    elif request.command == "restart":
+        from pdpetsc import driver
+
+        return driver.restart(Path(request.operand), request.quiet)
+    else:
+        from pdpetsc import driver
+
+        with parallel.collective(comm):
+            chosen = case.load(request.operand, request.overrides)
+        folder = f"{chosen.name}-{chosen.variant}" if chosen.variant else chosen.name
+        return driver.run(chosen, request.out or Path("results") / folder, request.quiet)
+    return 0
+
+
+def _catalogue() -> str:
+    """Return the bundled cases, with titles and variants, as a table."""
+    entries = case.catalogue()
+    indent = max((len(name) for name, _, _ in entries), default=0) + 2
+    width = max(40, shutil.get_terminal_size().columns)
+    lines = []
+    for name, title, variants in entries:
+        lines += textwrap.wrap(f"{name:{indent}}{title}", width, subsequent_indent=" " * indent)
+        if variants:
+            text = f"variants: {', '.join(variants)}"
+            lines += textwrap.wrap(text, width, initial_indent=" " * indent, subsequent_indent=" " * (indent + 10))
+    return "\n".join(lines)

@@ -1,0 +1,76 @@
+"""What loads have in common: where they act, and their values there in time."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pdpetsc.body.box import NAMES
+
+
+@dataclass(frozen=True)
+class Site:
+    """The owned particles that a load acts on, and its value there.
+
+    Attributes:
+        mpi: mpi4py communicator; every rank builds every load.
+        members: owned particles of the load's set.
+        position: (members, dim).
+        volume, spacing: (members,).
+        value: Expression of X, Y, Z, t.
+    """
+
+    mpi: object
+    members: np.ndarray
+    position: np.ndarray
+    volume: np.ndarray
+    spacing: np.ndarray
+    value: object
+
+    def values(self, time: float) -> np.ndarray:
+        """The load's value at each member."""
+        return np.broadcast_to(self.value(**dict(zip(NAMES, self.position.T)), t=time), len(self.members))
+
+    def total_volume(self) -> float:
+        """Volume of the set on all ranks."""
+        return self.mpi.allreduce(float(self.volume.sum()))
+
+
+class Load:
+    """A load of the case file; subclasses are found by `name`, the `kind` there."""
+
+    kinds: ClassVar[dict[str, type["Load"]]] = {}
+    name: ClassVar[str]
+
+    def __init_subclass__(cls):
+        if "name" in cls.__dict__:
+            Load.kinds[cls.name] = cls
+
+    def __init__(self, site: Site, spec):
+        """Args: where and how much; the case's table with the kind's own keys."""
+        self.site = site
+
+    def add(self, time: float, external: np.ndarray) -> None:
+        """Add the forces at a time to the owned (n, dim) external forces."""
+        raise NotImplementedError
+
+
+class Constraint(Load):
+    """A load that prescribes displacements.
+
+    Attributes:
+        entries: (particles, components) index arrays of the constrained entries of an owned field.
+    """
+
+    entries: tuple[np.ndarray, np.ndarray]
+
+    def values(self, time: float) -> np.ndarray:
+        """Prescribed value of each entry [length]."""
+        raise NotImplementedError
+
+
+def axes(component: str | list[str], dim: int) -> list[int]:
+    """Axes of "x", ["x", "y"] or "all"."""
+    if component == "all":
+        return list(range(dim))
+    return ["xyz".index(c) for c in ([component] if isinstance(component, str) else component)]

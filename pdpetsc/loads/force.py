@@ -1,0 +1,68 @@
+"""Dead loads: body force, total force on a set, pressure in a layer of particles."""
+
+import numpy as np
+from mpi4py import MPI
+
+from pdpetsc.loads.base import Load, axes
+
+
+class BodyForce(Load):
+    """Force per reference volume b: f_i = b V_i [force/length^3]."""
+
+    name = "body_force"
+
+    def __init__(self, site, spec):
+        super().__init__(site, spec)
+        self._axes = axes(spec.component, site.position.shape[1])
+
+    def add(self, time, external):
+        external[np.ix_(self.site.members, self._axes)] += (self.site.values(time) * self._weight())[:, None]
+
+    def _weight(self):
+        return self.site.volume
+
+
+class Force(BodyForce):
+    """Total force on a set, shared by volume: f_i = value V_i / sum V [force]. A set of one particle is a point."""
+
+    name = "force"
+
+    def __init__(self, site, spec):
+        super().__init__(site, spec)
+        self._total = site.total_volume()
+
+    def _weight(self):
+        return self.site.volume / self._total
+
+
+class Pressure(Load):
+    """Pressure p against a flat layer, as a body force b = -p n / width in it (seed 000 Eq. 96); a dead load.
+
+    The layer's width is its extent along the outward normal n, one spacing for a single row, unless it is given;
+    the total force is then p times the layer's area.
+    """
+
+    name = "pressure"
+
+    def __init__(self, site, spec):
+        super().__init__(site, spec)
+        dim = site.position.shape[1]
+        self._normal = _direction(spec.normal, dim)
+        depth = site.position @ self._normal
+        ends = np.array([depth.max(), -depth.min(), site.spacing.max()]) if len(depth) else np.full(3, -np.inf)
+        ends = [site.mpi.allreduce(float(end), MPI.MAX) for end in ends]
+        self._width = spec.width or ends[0] + ends[1] + ends[2]
+
+    def add(self, time, external):
+        force = -self.site.values(time) * self.site.volume / self._width
+        external[self.site.members] += force[:, None] * self._normal
+
+
+def _direction(normal, dim: int) -> np.ndarray:
+    """Unit vector of "x", "-y" or a vector."""
+    if isinstance(normal, str):
+        vector = np.zeros(dim)
+        vector["xyz".index(normal[-1])] = -1.0 if normal[0] == "-" else 1.0
+        return vector
+    vector = np.array(normal, float)
+    return vector / np.linalg.norm(vector)

@@ -1,0 +1,87 @@
+"""Load steps: fixed, or halved where Newton fails and grown back where it is easy."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pdpetsc.errors import ConvergenceError
+from pdpetsc.solvers.newton import Newton, NewtonRecord, StepFailed
+from pdpetsc.state import State
+
+EASY = 5
+"""A step solved in this many Newton iterations or fewer lets the next one be twice as long."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Times of the load steps.
+
+    Attributes:
+        end: time of the last step.
+        steps: number of nominal steps.
+        adaptive: halve a step that fails, grow back after easy ones.
+        smallest, largest: limits of an adaptive step; `largest` above the nominal step lets easy steps grow beyond it.
+    """
+
+    end: float
+    steps: int
+    adaptive: bool
+    smallest: float
+    largest: float
+
+    @property
+    def nominal(self) -> float:
+        return self.end / self.steps
+
+    def finished(self, time: float) -> bool:
+        return time >= self.end * (1 - 1e-12)
+
+    def target(self, time: float, size: float) -> float:
+        """End of a step of this size: steps up to the nominal size meet the multiples of it exactly."""
+        if size > self.nominal * (1 + 1e-9):
+            return self._snap(min(time + size, self.end))
+        grid = (int(time / self.nominal + 1e-9) + 1) * self.nominal
+        return self._snap(min(time + size, grid, self.end))
+
+    def _snap(self, time: float) -> float:
+        number = round(time / self.nominal)
+        return self.end * number / self.steps if abs(time - number * self.nominal) < 1e-9 * self.nominal else time
+
+
+def march(
+    newton: Newton,
+    state: State,
+    schedule: Schedule,
+    commit: Callable[[State, NewtonRecord], None],
+    failed: Callable[[float, float, str], None],
+) -> None:
+    """Advance `state` to the end of the schedule, committing each converged step.
+
+    Args:
+        newton: solves one step.
+        state: changed in place when a step has converged, and only then.
+        schedule: the times.
+        commit: called after each committed step.
+        failed: called with (time reached, time tried, reason) when a step is cut.
+
+    Raises:
+        ConvergenceError: a step failed and may not be cut further.
+    """
+    while not schedule.finished(state.time):
+        size = state.step_size or schedule.nominal
+        target = schedule.target(state.time, size)
+        try:
+            u, record = newton.advance(state.u, target)
+        except StepFailed as failure:
+            size = (target - state.time) / 2
+            if not schedule.adaptive or size < schedule.smallest:
+                raise ConvergenceError(
+                    f"load step {state.step + 1} from t = {state.time:g} to {target:g} did not converge: {failure}; "
+                    + ("more [solver] steps, or adaptive = true, " if not schedule.adaptive else "a smaller min_step ")
+                    + "may help, as may a stronger stabilisation"
+                ) from failure
+            failed(state.time, target, str(failure))
+            state.step_size = size
+            continue
+        state.u, state.time, state.step = u, target, state.step + 1
+        state.step_size = min(size * 2, schedule.largest) if record.newton_iterations <= EASY else size
+        commit(state, record)

@@ -1,0 +1,22 @@
+"""What is committed: nothing here changes while a step is being solved."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class State:
+    """The state after the last converged load step.
+
+    Attributes:
+        u: (owned, dim) displacement [length].
+        time: the time it belongs to.
+        step: number of committed load steps.
+        step_size: size of the next load step that the stepping intends; 0: the nominal one.
+    """
+
+    u: np.ndarray
+    time: float = 0.0
+    step: int = 0
+    step_size: float = 0.0
