@@ -8,7 +8,8 @@ from pdpetsc.loads.base import Constraint, Load
 from pdpetsc.materials.base import Material
 from pdpetsc.matrix import TangentMatrix
 from pdpetsc.particles import Particles
-from pdpetsc.sparsity import tangent_sparsity
+from pdpetsc.sparsity import Sparsity, tangent_sparsity
+from pdpetsc.timings import Timings
 
 
 class Assembler:
@@ -22,9 +23,11 @@ class Assembler:
         particles: the distributed particles.
         materials: models, each on its own families.
         loads: constraints and forces.
+        timings: where the seconds of residuals and tangents are counted.
     """
 
-    def __init__(self, particles: Particles, materials: list[Material], loads: list[Load]):
+    def __init__(self, particles: Particles, materials: list[Material], loads: list[Load], timings: Timings):
+        self._timings = timings
         self.particles = particles
         self.materials = materials
         self._constraints = [load for load in loads if isinstance(load, Constraint)]
@@ -40,7 +43,8 @@ class Assembler:
         self.external = np.zeros(shape)
         self.constraint_scale = self._typical_diagonal()
         self._matrix: TangentMatrix | None = None
-        self._sparsity = None
+        self._sparsity: Sparsity | None = None
+        self._filled = False
         self._square_scale = 0.0
 
     @property
@@ -110,8 +114,9 @@ class Assembler:
 
     def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         """SNES function."""
-        r = self.residual_array(x.getArray(readonly=True).reshape(-1, self.dim))
-        f.getArray()[...] = r.ravel()
+        with self._timings("residual"):
+            r = self.residual_array(x.getArray(readonly=True).reshape(-1, self.dim))
+            f.getArray()[...] = r.ravel()
 
     def rounding_floor(self, u: np.ndarray) -> float:
         """Norm of the rounding error of a residual: machine precision times the terms that cancel in it (collective).
@@ -127,7 +132,7 @@ class Assembler:
 
     def linearise(self, u: np.ndarray) -> None:
         """Prepare `action` and the assembled tangent at owned displacements."""
-        local = self.localise(np.where(self.constrained, self.prescribed, u))
+        local = self.localise(u)
         for material in self.materials:
             material.linearise(local)
 
@@ -142,29 +147,35 @@ class Assembler:
     def matrix(self) -> PETSc.Mat:
         """The PETSc matrix of the tangent, its pattern made on first use."""
         if self._matrix is None:
-            parts = [(m.families, m.dual, m.couples_family) for m in self.materials]
-            self._sparsity = tangent_sparsity(self.particles, parts)
-            self._matrix = TangentMatrix(self.particles, self._sparsity)
-            self._matrix.mat.setNearNullSpace(self._rigid_body_modes())
+            with self._timings("first_tangent"):
+                parts = [(m.families, m.dual, m.couples_family) for m in self.materials]
+                self._sparsity = tangent_sparsity(self.particles, parts)
+                self._matrix = TangentMatrix(self.particles, self._sparsity)
+                self._matrix.mat.setNearNullSpace(self._rigid_body_modes())
         return self._matrix.mat
 
     def tangent(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """SNES Jacobian: P is filled, J follows when it is the same or a matrix-free operator."""
-        self.assemble(x.getArray(readonly=True).reshape(-1, self.dim))
+        u = x.getArray(readonly=True).reshape(-1, self.dim)
+        self.assemble(np.where(self.constrained, self.prescribed, u))
         if J != P:
             J.assemble()
 
     def assemble(self, u: np.ndarray) -> PETSc.Mat:
         """Fill the matrix at owned displacements."""
         mat = self.matrix()
-        self.linearise(u)
-        sparsity = self._sparsity
-        blocks = sparsity.zero_blocks(self.dim)
-        for material in self.materials:
-            material.add_rows(sparsity.row_offsets, sparsity.columns, blocks)
-        _constrain(sparsity.row_offsets, sparsity.columns, self._free, self.particles.owned, self.constraint_scale, blocks)
-        self._matrix.fill(sparsity.reverse_add(blocks))
-        mat.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
+        with self._timings("tangent" if self._filled else "first_tangent"):
+            self.linearise(u)
+            sparsity = self._sparsity
+            blocks = sparsity.zero_blocks(self.dim)
+            for material in self.materials:
+                material.add_rows(sparsity.row_offsets, sparsity.columns, blocks)
+            _constrain(
+                sparsity.row_offsets, sparsity.columns, self._free, self.particles.owned, self.constraint_scale, blocks
+            )
+            self._matrix.fill(sparsity.reverse_add(blocks))
+            self._filled = True
+            mat.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         return mat
 
     def _rigid_body_modes(self) -> PETSc.NullSpace:

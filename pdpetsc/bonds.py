@@ -20,6 +20,15 @@ INFLUENCE = {
 """Influence functions w(r), r = |xi| / delta: 1, 1/r, 1 - r, the cubic spline 1 - 3r^2 + 2r^3 and exp(-(2r)^2)."""
 
 
+def _linear_partial_volume(length, horizon, spacing):
+    """beta = (delta + r - |xi|) / 2r within r = dx/2 of the horizon, else 1 (seed 000 Eq. 81, which prints r = 2 dx)."""
+    return np.clip((horizon + spacing / 2 - length) / spacing, 0, 1)
+
+
+PARTIAL_VOLUME = {"none": lambda length, horizon, spacing: np.ones_like(length), "linear": _linear_partial_volume}
+"""Partial-volume factors beta of a neighbour whose cell of width `spacing` is cut by the horizon."""
+
+
 @dataclass(frozen=True)
 class Families:
     """Families H_i = {j : 0 < |X_j - X_i| <= delta_i (1 + 1e-10)} in compressed rows.
@@ -101,6 +110,18 @@ def find_families(position: np.ndarray, horizon: np.ndarray, ids: np.ndarray, ow
             f"{horizon[lonely[0]]:g}; enlarge the horizon or remove isolated particles with body.keep"
         )
     return Families(np.arange(owned, dtype=np.int32), offsets, neighbours)
+
+
+def bond_weights(
+    families: Families, position: np.ndarray, horizon: np.ndarray, spacing: np.ndarray, influence: str, partial: str
+) -> np.ndarray:
+    """Influence times partial-volume factor w beta of each bond [-]."""
+    xi = position[families.neighbours] - families.per_bond(position)
+    length = np.sqrt((xi**2).sum(axis=1))
+    delta = families.per_bond(horizon)
+    return INFLUENCE[influence](length / delta) * PARTIAL_VOLUME[partial](
+        length, delta, spacing[families.neighbours]
+    )
 
 
 @njit(cache=True)

@@ -17,7 +17,6 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     PlainValidator,
     Strict,
@@ -124,7 +123,7 @@ def _normal(value: Any, info: ValidationInfo) -> tuple[float, ...]:
 
 
 def _option_value(value: Any) -> str | int | float | bool:
-    if not isinstance(value, str | int | float) or isinstance(value, str) and re.search(r'["\n]', value):
+    if not isinstance(value, str | int | float) or re.search(r'["\n]', str(value)):
         raise ValueError("must be a number, true, false or text without quotes and line breaks")
     return value
 
@@ -167,6 +166,11 @@ Condition = _formula("spacing", condition=True)
 # The tables.
 
 
+def _error_at(key: str, message: str) -> PydanticCustomError:
+    """Return an error of one entry, found by a validator of the whole table."""
+    return PydanticCustomError("at_key", "{message}", {"message": message, "key": key})
+
+
 class Table(BaseModel):
     """What all tables have in common: unknown keys and wrong types are errors, and nothing changes afterwards."""
 
@@ -180,8 +184,7 @@ class Table(BaseModel):
         for key in table if isinstance(table, dict) else ():
             if key not in cls.model_fields:
                 choices = [*cls.model_fields, *cls.used_before]
-                message = f"unknown key{hint(key, choices)}; choices: {', '.join(choices)}"
-                raise PydanticCustomError("unknown_key", "{message}", {"message": message, "key": key})
+                raise _error_at(key, f"unknown key{hint(key, choices)}; choices: {', '.join(choices)}")
         return table
 
 
@@ -320,12 +323,15 @@ class Pressure(Table):
 
 Load = Displacement | BodyForce | Force | Pressure
 LOAD_KINDS = [get_args(load.model_fields["kind"].annotation)[0] for load in get_args(Load)]
-LoadOfKind = Annotated[
-    Load,
-    Discriminator(
-        "kind", custom_error_type="kind", custom_error_message=f"kind must be one of {', '.join(LOAD_KINDS)}"
-    ),
-]
+
+
+def _of_known_kind(table: Any) -> Any:
+    if isinstance(table, dict) and table.get("kind") not in LOAD_KINDS:
+        raise _error_at("kind", f"must be one of {', '.join(LOAD_KINDS)}")
+    return table
+
+
+AnyLoad = Annotated[Load, Field(discriminator="kind"), BeforeValidator(_of_known_kind)]
 
 
 class Solver(Table):
@@ -427,7 +433,7 @@ class Description(Table):
     body: Body
     sets: dict[Annotated[Name, AfterValidator(_new_set)], ParticleSet] = {}
     material: Annotated[dict[Name, Material], Field(min_length=1)]
-    load: Annotated[tuple[LoadOfKind, ...], Strict(False)] = ()
+    load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Solver = Solver()
     output: Output = Output()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(_different_names)] = ()
@@ -596,6 +602,7 @@ _WANTED = {
     "tuple_type": "must be a list",
     "dict_type": "must be a table",
     "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
 }
 
 
@@ -619,14 +626,16 @@ def _key_path(error: dict, document: dict) -> list:
     """Return the path of an error as keys of the document, without pydantic's own remarks on the way."""
     path = _keys_in(error["loc"], document)
     missing = error["loc"][-1:] if error["type"] == "missing" else ()
-    return [*path, *missing, *([error["ctx"]["key"]] if error["type"] == "unknown_key" else [])]
+    return [*path, *missing, *([error["ctx"]["key"]] if error["type"] == "at_key" else [])]
 
 
 def _keys_in(path: tuple, document: Any) -> list:
     keys = []
     for part in path:
-        inside_table = isinstance(document, dict) and part in document
-        if inside_table or isinstance(document, list) and isinstance(part, int) and part < len(document):
+        inside = (
+            (*document,) if isinstance(document, dict) else range(len(document)) if isinstance(document, list) else ()
+        )
+        if part in inside:
             keys.append(part)
             document = document[part]
     return keys
@@ -638,8 +647,8 @@ def _sentence(error: dict) -> str:
         return "is missing"
     if kind == "value_error":
         return str(error["ctx"]["error"])
-    if kind in ("unknown_key", "kind"):
-        return error["msg"]
+    if kind == "at_key":
+        return error["ctx"]["message"]
     if kind in ("too_short", "too_long"):
         limits = error["ctx"]
         bound = f"at least {limits['min_length']}" if kind == "too_short" else f"at most {limits['max_length']}"

@@ -74,7 +74,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     if unknown:
         names = [*COMMANDS, *case.bundled()]
         raise InputError(
-            f"unknown word {unknown[0]!r}{hint(unknown[0], names)}; commands: {', '.join(COMMANDS)}; "
+            f"unknown word {unknown[0]!r}{hint(unknown[0].partition(':')[0], names)}; commands: {', '.join(COMMANDS)}; "
             f"bundled cases: {', '.join(case.bundled())}; a case of your own is a path that ends in .toml"
         )
     if len(words) > known:
@@ -133,10 +133,10 @@ def _do(request: argparse.Namespace, comm) -> int:
 
         return driver.restart(Path(request.operand), request.quiet)
     else:
-        from pdpetsc import driver
-
         with parallel.collective(comm):
             chosen = case.load(request.operand, request.overrides)
+        from pdpetsc import driver
+
         folder = f"{chosen.name}-{chosen.variant}" if chosen.variant else chosen.name
         return driver.run(chosen, request.out or Path("results") / folder, request.quiet)
     return 0

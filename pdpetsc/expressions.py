@@ -15,10 +15,10 @@ CONSTANTS = {"pi": np.pi, "true": True, "false": False}
 FUNCTIONS = {
     name: getattr(np, name)
     for name in (
-        "sin cos tan arcsin arccos arctan arctan2 sinh cosh tanh exp expm1 log log1p log10 sqrt abs hypot "
-        "minimum maximum where floor ceil sign"
-    ).split()
-}
+        "sin", "cos", "tan", "arcsin", "arccos", "arctan", "arctan2", "sinh", "cosh", "tanh", "exp", "expm1",
+        "log", "log1p", "log10", "sqrt", "abs", "hypot", "minimum", "maximum", "where", "floor", "ceil", "sign",
+    )
+}  # fmt: skip
 _ARITHMETIC = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -48,10 +48,10 @@ _DEEPEST = 150  # levels of nesting; each costs up to three frames of Python's s
 
 
 def hint(word: str, choices: Iterable[str]) -> str:
-    """Return "; did you mean 'x'?" for the choice nearest to a word, or nothing."""
+    """Return " (did you mean 'x'?)" for the choice nearest to a word, or nothing."""
     by_lower_case = {choice.lower(): choice for choice in choices}
     near = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
-    return f"; did you mean {by_lower_case[near[0]]!r}?" if near else ""
+    return f" (did you mean {by_lower_case[near[0]]!r}?)" if near else ""
 
 
 def _short(text: str) -> str:
@@ -225,7 +225,7 @@ class _Reader:
     def _call(self, name: str, arguments: list[ast.expr]) -> _Term:
         if name not in FUNCTIONS:
             known = ", ".join(FUNCTIONS)
-            raise _ReadingError(f"calls the unknown function {name!r}{hint(name, FUNCTIONS)} (known: {known})")
+            raise _ReadingError(f"calls the unknown function {name!r}{hint(name, FUNCTIONS)}, known are {known}")
         function = FUNCTIONS[name]
         count = 3 if function is np.where else function.nin
         if len(arguments) != count:

@@ -1,7 +1,5 @@
 """Lattice bodies: a line, a rectangle or a block of cells with one particle in the middle of each."""
 
-import re
-
 import numpy as np
 
 from pdpetsc.errors import InputError
@@ -18,12 +16,9 @@ def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarr
     return dict(zip(NAMES, position.T)) | {"spacing": spacing}
 
 
-def layer_rows(width: str | float, cell: float, horizon: float) -> int:
-    """Rows of particles in a fictitious layer `width` wide: a length, "horizon" or "2 horizon"."""
-    if isinstance(width, str):
-        number = re.fullmatch(r"\s*([\d.]*)\s*horizon\s*", width)[1]
-        return max(1, int(float(number or 1) * horizon / cell + 1e-6))
-    return max(1, round(width / cell))
+def layer_rows(width: float, cell: float) -> int:
+    """Rows of particles in a fictitious layer of this width [length], at least one."""
+    return max(1, int(width / cell + 1e-6))
 
 
 def box(comm, body, keep, horizon) -> Points:
@@ -56,7 +51,7 @@ def box(comm, body, keep, horizon) -> Points:
     extra = np.zeros((dim, 2), np.int64)
     for face, width in body.layers.items():
         axis, side = FACES[face]
-        extra[axis, side] = layer_rows(width, cell[axis], reach)
+        extra[axis, side] = layer_rows(width.length(reach), cell[axis])
     counts = inner + extra.sum(axis=1)
 
     total = int(np.prod(counts))

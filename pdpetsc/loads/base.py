@@ -68,9 +68,3 @@ class Constraint(Load):
         """Prescribed value of each entry [length]."""
         raise NotImplementedError
 
-
-def axes(component: str | list[str], dim: int) -> list[int]:
-    """Axes of "x", ["x", "y"] or "all"."""
-    if component == "all":
-        return list(range(dim))
-    return ["xyz".index(c) for c in ([component] if isinstance(component, str) else component)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pdpetsc.loads.base import Constraint, axes
+from pdpetsc.loads.base import Constraint
 
 
 class Displacement(Constraint):
@@ -12,12 +12,11 @@ class Displacement(Constraint):
 
     def __init__(self, site, spec):
         super().__init__(site, spec)
-        components = axes(spec.component, site.position.shape[1])
         self.entries = (
-            np.repeat(site.members, len(components)),
-            np.tile(np.array(components, int), len(site.members)),
+            np.repeat(site.members, len(spec.component)),
+            np.tile(np.array(spec.component), len(site.members)),
         )
-        self._count = len(components)
+        self._count = len(spec.component)
 
     def values(self, time):
         return np.repeat(self.site.values(time), self._count)

@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from pdpetsc.loads.base import Load, axes
+from pdpetsc.loads.base import Load
 
 
 class BodyForce(Load):
@@ -13,7 +13,7 @@ class BodyForce(Load):
 
     def __init__(self, site, spec):
         super().__init__(site, spec)
-        self._axes = axes(spec.component, site.position.shape[1])
+        self._axes = spec.component
 
     def add(self, time, external):
         external[np.ix_(self.site.members, self._axes)] += (self.site.values(time) * self._weight())[:, None]
@@ -46,8 +46,7 @@ class Pressure(Load):
 
     def __init__(self, site, spec):
         super().__init__(site, spec)
-        dim = site.position.shape[1]
-        self._normal = _direction(spec.normal, dim)
+        self._normal = np.array(spec.normal)
         depth = site.position @ self._normal
         ends = np.array([depth.max(), -depth.min(), site.spacing.max()]) if len(depth) else np.full(3, -np.inf)
         ends = [site.mpi.allreduce(float(end), MPI.MAX) for end in ends]
@@ -57,12 +56,3 @@ class Pressure(Load):
         force = -self.site.values(time) * self.site.volume / self._width
         external[self.site.members] += force[:, None] * self._normal
 
-
-def _direction(normal, dim: int) -> np.ndarray:
-    """Unit vector of "x", "-y" or a vector."""
-    if isinstance(normal, str):
-        vector = np.zeros(dim)
-        vector["xyz".index(normal[-1])] = -1.0 if normal[0] == "-" else 1.0
-        return vector
-    vector = np.array(normal, float)
-    return vector / np.linalg.norm(vector)

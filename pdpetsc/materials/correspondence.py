@@ -10,8 +10,8 @@ V_i g . dP/dF . g is symmetric.
 import numpy as np
 
 from pdpetsc.errors import InputError
+from pdpetsc.materials import correspondence_kernels as kernels
 from pdpetsc.materials.base import Material, Neighbourhood
-from pdpetsc.materials.correspondence_kernels import cauchy_stresses, kernels
 from pdpetsc.materials.elasticity import elastic_law
 from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, Stabilisation, micromodulus
 
@@ -53,7 +53,7 @@ class Correspondence(Material):
         self._volume = neighbourhood.volume
         X = neighbourhood.position
         dim = X.shape[1]
-        self._kernels = kernels(dim)
+        self._dim = kernels.dimension(dim)
 
         xi = X[families.neighbours] - families.per_bond(X)
         omega = weight * neighbourhood.volume[families.neighbours]
@@ -79,44 +79,44 @@ class Correspondence(Material):
         return self.families.center, self.families.offsets, self.families.neighbours, self._g
 
     def add_force(self, u, force):
-        self._kernels.add_force(
-            self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, force
+        kernels.add_force(
+            self._dim, self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, force
         )
 
     def add_force_scale(self, u, scale):
-        self._kernels.add_force_scale(self.modulus, *self._family_arrays(), self._spring, self._volume, u, scale)
+        kernels.add_force_scale(self._dim, self.modulus, *self._family_arrays(), self._spring, self._volume, u, scale)
 
     def linearise(self, u):
         if not len(self._tensor):
             self._tensor = np.empty((len(self.families), *(u.shape[1],) * 4))
-        self._kernels.linearise(self._law, *self._family_arrays(), self._affine, u, self._tensor)
+        kernels.linearise(self._dim, self._law, *self._family_arrays(), self._affine, u, self._tensor)
 
     def add_action(self, du, force):
-        self._kernels.add_action(*self._family_arrays(), self._spring, self._tensor, self._volume, du, force)
+        kernels.add_action(self._dim, *self._family_arrays(), self._spring, self._tensor, self._volume, du, force)
 
     def add_rows(self, row_offsets, columns, blocks):
         dual = self.dual
-        self._kernels.add_rows(
-            *self._family_arrays(), self._g_center, self._spring, self._tensor, self._volume, self._own,
+        kernels.add_rows(
+            self._dim, *self._family_arrays(), self._g_center, self._spring, self._tensor, self._volume, self._own,
             dual.offsets, dual.family, dual.bond, row_offsets, columns, blocks,
         )  # fmt: skip
 
     def energy(self, u):
         energy = np.empty(len(self.families))
-        self._kernels.energies(
-            self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, energy
+        kernels.energies(
+            self._dim, self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, energy
         )
         return energy
 
     def displacement_gradient(self, u):
         H = np.zeros((len(self.families), 3, 3))
-        self._kernels.gradients(*self._family_arrays(), u, H)
+        kernels.gradients(self._dim, *self._family_arrays(), u, H)
         return H
 
     def cauchy_stress(self, u):
         H = self.displacement_gradient(u)
         sigma = np.empty_like(H)
-        cauchy_stresses(self._law, H, sigma)
+        kernels.cauchy_stresses(self._law, H, sigma)
         return sigma
 
     def choices(self):

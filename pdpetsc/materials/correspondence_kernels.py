@@ -1,13 +1,14 @@
-"""Compiled family loops of the correspondence model, one set for each dimension.
+"""Compiled family loops of the correspondence model.
 
-Conventions: family f belongs to particle i = center[f]; its bond b leads to j = neighbours[b]; g[b] = w beta V_j K^-1 xi
-so that H_i = sum eta (x) g; `spring[b]` = c_i w beta V_j and `affine[f]` = a c_i K_i hold the zero-energy control
-(stabilisation.py). The force of a family on its neighbour j is V_i (P_eff g + spring eta) with P_eff = P - H affine,
-and the opposite on i.
+Conventions: family f belongs to particle i = center[f]; its bond b leads to j = neighbours[b];
+g[b] = w beta V_j K^-1 xi, so that H_i = sum eta (x) g; `spring[b]` = c_i w beta V_j and `affine[f]` = a c_i K_i hold
+the zero-energy control (stabilisation.py). The force of a family on its neighbour j is V_i (P_eff g + spring eta) with
+P_eff = P - H affine, and the opposite on i.
+
+The dimension comes as the length of a tuple D, `dimension(2) = (0, 0)`: that is part of the tuple's type, so numba
+compiles the loops for it with fixed bounds, once for all runs. (A factory that closes over the dimension and over other
+compiled functions would be compiled again in every process.)
 """
-
-from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 from numba import njit
@@ -15,194 +16,209 @@ from numba import njit
 from pdpetsc.materials.elasticity import elasticity_tensor, energy_density, first_piola
 
 
-@cache
-def kernels(dim: int) -> SimpleNamespace:
-    """The family loops for bodies of this dimension."""
+def dimension(dim: int) -> tuple[int, ...]:
+    """The tuple that stands for a dimension in calls of the kernels."""
+    return (0,) * dim
 
-    @njit(cache=True)
-    def gradient(f, center, offsets, neighbours, g, u, H):
-        """H = sum eta (x) g of family f."""
-        i = center[f]
+
+@njit(cache=True)
+def gradient(D, f, center, offsets, neighbours, g, u, H):
+    """H = sum eta (x) g of family f."""
+    dim = len(D)
+    i = center[f]
+    for p in range(dim):
+        for q in range(dim):
+            H[p, q] = 0.0
+    for b in range(offsets[f], offsets[f + 1]):
+        j = neighbours[b]
         for p in range(dim):
+            eta = u[j, p] - u[i, p]
             for q in range(dim):
-                H[p, q] = 0.0
-        for b in range(offsets[f], offsets[f + 1]):
-            j = neighbours[b]
-            for p in range(dim):
-                eta = u[j, p] - u[i, p]
-                for q in range(dim):
-                    H[p, q] += eta * g[b, q]
+                H[p, q] += eta * g[b, q]
 
-    @njit(cache=True)
-    def scatter(f, center, offsets, neighbours, g, spring, V, P, u, force):
-        """Add the force of family f with effective stress P to its particles."""
-        i = center[f]
-        total = np.zeros(3)
-        for b in range(offsets[f], offsets[f + 1]):
-            j = neighbours[b]
-            for p in range(dim):
-                t = spring[b] * (u[j, p] - u[i, p])
-                for q in range(dim):
-                    t += P[p, q] * g[b, q]
-                t *= V
-                force[j, p] += t
-                total[p] += t
+
+@njit(cache=True)
+def scatter(D, f, center, offsets, neighbours, g, spring, V, P, u, force):
+    """Add the force of family f with effective stress P to its particles."""
+    dim = len(D)
+    i = center[f]
+    for b in range(offsets[f], offsets[f + 1]):
+        j = neighbours[b]
         for p in range(dim):
-            force[i, p] -= total[p]
+            t = spring[b] * (u[j, p] - u[i, p])
+            for q in range(dim):
+                t += P[p, q] * g[b, q]
+            force[j, p] += V * t
+            force[i, p] -= V * t
 
-    @njit(cache=True)
-    def remove_affine(P, H, affine):
-        """P - H affine: what the zero-energy control takes from the stress."""
+
+@njit(cache=True)
+def remove_affine(D, P, H, affine):
+    """P - H affine: what the zero-energy control takes from the stress."""
+    dim = len(D)
+    for p in range(dim):
+        for q in range(dim):
+            for r in range(dim):
+                P[p, q] -= H[p, r] * affine[r, q]
+
+
+@njit(cache=True)
+def add_force(D, law, center, offsets, neighbours, g, spring, affine, volume, u, force):
+    dim = len(D)
+    work = np.empty((8, 3, 3))
+    H = np.empty((dim, dim))
+    P = np.empty((dim, dim))
+    for f in range(len(center)):
+        gradient(D, f, center, offsets, neighbours, g, u, H)
+        first_piola(law, H, P, work)
+        remove_affine(D, P, H, affine[f])
+        scatter(D, f, center, offsets, neighbours, g, spring, volume[center[f]], P, u, force)
+
+
+@njit(cache=True)
+def add_force_scale(D, modulus, center, offsets, neighbours, g, spring, volume, u, scale):
+    """Sizes of the terms that cancel in `add_force`, with the stress bounded by modulus |H|."""
+    dim = len(D)
+    H = np.empty((dim, dim))
+    for f in range(len(center)):
+        i = center[f]
+        gradient(D, f, center, offsets, neighbours, g, u, H)
+        stress = modulus * np.sqrt((H * H).sum())
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            length = 0.0
+            eta = 0.0
+            for p in range(dim):
+                length += g[b, p] ** 2
+                eta += (u[j, p] - u[i, p]) ** 2
+            term = volume[i] * (stress * np.sqrt(length) + spring[b] * np.sqrt(eta))
+            scale[j] += term
+            scale[i] += term
+
+
+@njit(cache=True)
+def linearise(D, law, center, offsets, neighbours, g, affine, u, tensor):
+    """tensor[f] = dP/dF minus the affine part of the zero-energy control."""
+    dim = len(D)
+    work = np.empty((8, 3, 3))
+    H = np.empty((dim, dim))
+    for f in range(len(center)):
+        gradient(D, f, center, offsets, neighbours, g, u, H)
+        elasticity_tensor(law, H, tensor[f], work)
         for p in range(dim):
             for q in range(dim):
                 for r in range(dim):
-                    P[p, q] -= H[p, r] * affine[r, q]
+                    tensor[f, p, q, p, r] -= affine[f, r, q]
 
-    @njit(cache=True)
-    def add_force(law, center, offsets, neighbours, g, spring, affine, volume, u, force):
-        work = np.empty((8, 3, 3))
-        H = np.empty((dim, dim))
-        P = np.empty((dim, dim))
-        for f in range(len(center)):
-            gradient(f, center, offsets, neighbours, g, u, H)
-            first_piola(law, H, P, work)
-            remove_affine(P, H, affine[f])
-            scatter(f, center, offsets, neighbours, g, spring, volume[center[f]], P, u, force)
 
-    @njit(cache=True)
-    def add_force_scale(modulus, center, offsets, neighbours, g, spring, volume, u, scale):
-        """Sizes of the terms that cancel in `add_force`, with the stress bounded by modulus |H|."""
-        H = np.empty((dim, dim))
-        for f in range(len(center)):
-            i = center[f]
-            gradient(f, center, offsets, neighbours, g, u, H)
-            stress = modulus * np.sqrt((H * H).sum())
-            for b in range(offsets[f], offsets[f + 1]):
-                j = neighbours[b]
-                length = 0.0
-                eta = 0.0
-                for p in range(dim):
-                    length += g[b, p] ** 2
-                    eta += (u[j, p] - u[i, p]) ** 2
-                term = volume[i] * (stress * np.sqrt(length) + spring[b] * np.sqrt(eta))
-                scale[j] += term
-                scale[i] += term
-
-    @njit(cache=True)
-    def linearise(law, center, offsets, neighbours, g, affine, u, tensor):
-        """tensor[f] = dP/dF minus the affine part of the zero-energy control."""
-        work = np.empty((8, 3, 3))
-        H = np.empty((dim, dim))
-        for f in range(len(center)):
-            gradient(f, center, offsets, neighbours, g, u, H)
-            elasticity_tensor(law, H, tensor[f], work)
-            for p in range(dim):
-                for q in range(dim):
-                    for r in range(dim):
-                        tensor[f, p, q, p, r] -= affine[f, r, q]
-
-    @njit(cache=True)
-    def add_action(center, offsets, neighbours, g, spring, tensor, volume, du, force):
-        H = np.empty((dim, dim))
-        P = np.empty((dim, dim))
-        for f in range(len(center)):
-            gradient(f, center, offsets, neighbours, g, du, H)
-            for p in range(dim):
-                for q in range(dim):
-                    value = 0.0
-                    for r in range(dim):
-                        for s in range(dim):
-                            value += tensor[f, p, q, r, s] * H[r, s]
-                    P[p, q] = value
-            scatter(f, center, offsets, neighbours, g, spring, volume[center[f]], P, du, force)
-
-    @njit(cache=True)
-    def add_family_to_row(f, g_row, center, offsets, neighbours, g, g_center, tensor, V, position, blocks):
-        """Blocks V g_row . tensor . g_b of one row, for every particle b of family f."""
-        half = np.empty((dim, dim, dim))
+@njit(cache=True)
+def add_action(D, center, offsets, neighbours, g, spring, tensor, volume, du, force):
+    dim = len(D)
+    H = np.empty((dim, dim))
+    P = np.empty((dim, dim))
+    for f in range(len(center)):
+        gradient(D, f, center, offsets, neighbours, g, du, H)
         for p in range(dim):
-            for r in range(dim):
-                for s in range(dim):
-                    value = 0.0
-                    for q in range(dim):
-                        value += tensor[f, p, q, r, s] * g_row[q]
-                    half[p, r, s] = V * value
-        k = position[center[f]]
-        for p in range(dim):
-            for r in range(dim):
-                for s in range(dim):
-                    blocks[k, p, r] += half[p, r, s] * g_center[f, s]
-        for b in range(offsets[f], offsets[f + 1]):
-            k = position[neighbours[b]]
-            for p in range(dim):
+            for q in range(dim):
+                value = 0.0
                 for r in range(dim):
-                    value = 0.0
                     for s in range(dim):
-                        value += half[p, r, s] * g[b, s]
-                    blocks[k, p, r] += value
+                        value += tensor[f, p, q, r, s] * H[r, s]
+                P[p, q] = value
+        scatter(D, f, center, offsets, neighbours, g, spring, volume[center[f]], P, du, force)
 
-    @njit(cache=True)
-    def add_rows(
-        center, offsets, neighbours, g, g_center, spring, tensor, volume, own,
-        dual_offsets, dual_family, dual_bond, row_offsets, columns, blocks,
-    ):  # fmt: skip
-        """Row by row: the contributions of the row's own family and of every family that contains it.
 
-        `own[a]` is the number of particle a's own family or -1; `g_center[f]` = -sum g is the center's share of H.
-        """
-        position = np.empty(len(row_offsets) - 1, np.int64)  # block of each column in the current row
-        for a in range(len(row_offsets) - 1):
-            for k in range(row_offsets[a], row_offsets[a + 1]):
-                if columns[k] >= 0:
-                    position[columns[k]] = k
-            f = own[a]
-            if f >= 0:
-                V = volume[a]
-                add_family_to_row(
-                    f, g_center[f], center, offsets, neighbours, g, g_center, tensor, V, position, blocks
-                )
-                for b in range(offsets[f], offsets[f + 1]):
-                    for p in range(dim):
-                        blocks[position[a], p, p] += V * spring[b]
-                        blocks[position[neighbours[b]], p, p] -= V * spring[b]
-            for k in range(dual_offsets[a], dual_offsets[a + 1]):
-                f, bond = dual_family[k], dual_bond[k]
-                i = center[f]
-                V = volume[i]
-                add_family_to_row(f, g[bond], center, offsets, neighbours, g, g_center, tensor, V, position, blocks)
-                for p in range(dim):
-                    blocks[position[a], p, p] += V * spring[bond]
-                    blocks[position[i], p, p] -= V * spring[bond]
-
-    @njit(cache=True)
-    def energies(law, center, offsets, neighbours, g, spring, affine, volume, u, energy):
-        work = np.empty((8, 3, 3))
-        H = np.empty((dim, dim))
-        for f in range(len(center)):
-            i = center[f]
-            gradient(f, center, offsets, neighbours, g, u, H)
-            control = 0.0
-            for b in range(offsets[f], offsets[f + 1]):
-                j = neighbours[b]
-                for p in range(dim):
-                    control += spring[b] * (u[j, p] - u[i, p]) ** 2
-            for p in range(dim):
+@njit(cache=True)
+def add_family_to_row(D, f, g_row, center, offsets, neighbours, g, g_center, tensor, V, position, half, blocks):
+    """Blocks V g_row . tensor . g_b of one row, for every particle b of family f."""
+    dim = len(D)
+    for p in range(dim):
+        for r in range(dim):
+            for s in range(dim):
+                value = 0.0
                 for q in range(dim):
-                    for r in range(dim):
-                        control -= H[p, q] * affine[f, q, r] * H[p, r]
-            energy[f] = volume[i] * (energy_density(law, H, work) + 0.5 * control)
+                    value += tensor[f, p, q, r, s] * g_row[q]
+                half[p, r, s] = V * value
+    k = position[center[f]]
+    for p in range(dim):
+        for r in range(dim):
+            for s in range(dim):
+                blocks[k, p, r] += half[p, r, s] * g_center[f, s]
+    for b in range(offsets[f], offsets[f + 1]):
+        k = position[neighbours[b]]
+        for p in range(dim):
+            for r in range(dim):
+                value = 0.0
+                for s in range(dim):
+                    value += half[p, r, s] * g[b, s]
+                blocks[k, p, r] += value
 
-    @njit(cache=True)
-    def gradients(center, offsets, neighbours, g, u, out):
-        H = np.empty((dim, dim))
-        for f in range(len(center)):
-            gradient(f, center, offsets, neighbours, g, u, H)
-            out[f, :dim, :dim] = H
 
-    return SimpleNamespace(
-        add_force=add_force, add_force_scale=add_force_scale, linearise=linearise, add_action=add_action,
-        add_rows=add_rows, energies=energies, gradients=gradients,
-    )  # fmt: skip
+@njit(cache=True)
+def add_rows(
+    D, center, offsets, neighbours, g, g_center, spring, tensor, volume, own,
+    dual_offsets, dual_family, dual_bond, row_offsets, columns, blocks,
+):  # fmt: skip
+    """Row by row: the contributions of the row's own family and of every family that contains it.
+
+    `own[a]` is the number of particle a's own family or -1; `g_center[f]` = -sum g is the center's share of H.
+    """
+    dim = len(D)
+    half = np.empty((dim, dim, dim))
+    position = np.empty(len(row_offsets) - 1, np.int64)  # block of each column in the current row
+    for a in range(len(row_offsets) - 1):
+        for k in range(row_offsets[a], row_offsets[a + 1]):
+            if columns[k] >= 0:
+                position[columns[k]] = k
+        f = own[a]
+        if f >= 0:
+            V = volume[a]
+            add_family_to_row(
+                D, f, g_center[f], center, offsets, neighbours, g, g_center, tensor, V, position, half, blocks
+            )
+            for b in range(offsets[f], offsets[f + 1]):
+                for p in range(dim):
+                    blocks[position[a], p, p] += V * spring[b]
+                    blocks[position[neighbours[b]], p, p] -= V * spring[b]
+        for k in range(dual_offsets[a], dual_offsets[a + 1]):
+            f, bond = dual_family[k], dual_bond[k]
+            i = center[f]
+            V = volume[i]
+            add_family_to_row(
+                D, f, g[bond], center, offsets, neighbours, g, g_center, tensor, V, position, half, blocks
+            )
+            for p in range(dim):
+                blocks[position[a], p, p] += V * spring[bond]
+                blocks[position[i], p, p] -= V * spring[bond]
+
+
+@njit(cache=True)
+def energies(D, law, center, offsets, neighbours, g, spring, affine, volume, u, energy):
+    dim = len(D)
+    work = np.empty((8, 3, 3))
+    H = np.empty((dim, dim))
+    for f in range(len(center)):
+        i = center[f]
+        gradient(D, f, center, offsets, neighbours, g, u, H)
+        control = 0.0
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            for p in range(dim):
+                control += spring[b] * (u[j, p] - u[i, p]) ** 2
+        for p in range(dim):
+            for q in range(dim):
+                for r in range(dim):
+                    control -= H[p, q] * affine[f, q, r] * H[p, r]
+        energy[f] = volume[i] * (energy_density(law, H, work) + 0.5 * control)
+
+
+@njit(cache=True)
+def gradients(D, center, offsets, neighbours, g, u, out):
+    dim = len(D)
+    H = np.empty((dim, dim))
+    for f in range(len(center)):
+        gradient(D, f, center, offsets, neighbours, g, u, H)
+        out[f, :dim, :dim] = H
 
 
 @njit(cache=True)

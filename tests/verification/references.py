@@ -141,6 +141,32 @@ def section_law(section, nu):
 # ---------------------------------------------------------------- strips between immovable ends (von Karman)
 
 
+def _slope_series(a, ends, terms=60):
+    """Coefficients c_k, exponents n_k of `-2 N w'/(p L) = sum_k c_k (m_k s - s^n_k)`, s = 2x'/L from the middle.
+
+    From `s - sinh(a s)/sinh a` (clamped, m_k = 1) and `s - sinh(a s)/(a cosh a)` (pinned, m_k = n_k): all terms are
+    positive for 0 < s < 1, so nothing cancels when a is small.  60 terms serve a up to 40.
+
+    Returns:
+        (c_k, m_k, n_k), each of shape (terms, 1).
+    """
+    n = 2.0 * np.arange(1, terms + 1)[:, None] + 1.0
+    odd = np.exp(n * np.log(a) - np.cumsum(np.log(n * (n - 1.0)), axis=0))  # a^n / n!
+    if ends == "clamped":
+        return odd / np.sinh(a), np.ones_like(n), n
+    return odd / (a * np.cosh(a)), n, n
+
+
+def _hump(a, s, ends):
+    """8 N w/(p L^2) at s = 2x'/L: `1 - s^2` less what the ends' bending and the membrane force take away [-]."""
+    if a <= 2.0:
+        c, m, n = _slope_series(a, ends)
+        return (c * (m * (1.0 - s**2) - 2.0 * (1.0 - np.abs(s) ** (n + 1.0)) / (n + 1.0))).sum(axis=0)
+    if ends == "clamped":
+        return 1.0 - s**2 - 2.0 / a * (np.cosh(a) - np.cosh(a * s)) / np.sinh(a)
+    return 1.0 - s**2 - 2.0 / a**2 * (1.0 - np.cosh(a * s) / np.cosh(a))
+
+
 @dataclass(frozen=True)
 class Strip:
     """Solution of a uniformly loaded strip: midpoint deflection [m], w0/d [-], membrane force [N/m], a = beta L/2."""
@@ -159,23 +185,7 @@ class Strip:
         s = 2.0 * np.asarray(x, float) / self.length - 1.0
         if self.pressure == 0.0:
             return np.zeros_like(s)
-        a, scale = self.a, self.pressure * self.length**2 / (8.0 * self.membrane_force)
-        if self.ends == "clamped":
-            hump = 2.0 / a * (np.cosh(a) - np.cosh(a * s)) / np.sinh(a)
-        else:
-            hump = 2.0 / a**2 * (1.0 - np.cosh(a * s) / np.cosh(a))
-        return scale * (1.0 - s**2 - hump)
-
-
-def _slope_shape(a, s, ends):
-    """-2 N w' / (p L) at s = 2x/L in [0, 1], summed from its power series: every term is positive, none cancel."""
-    k = np.arange(1, 61)[:, None]
-    log_term = (2 * k + 1) * np.log(a) - np.cumsum(np.log(2.0 * k * (2.0 * k + 1.0)), axis=0)
-    odd = np.exp(log_term)  # a^(2k+1) / (2k+1)!
-    if ends == "clamped":  # s - sinh(a s) / sinh a
-        return (odd * (s - s ** (2 * k + 1))).sum(axis=0) / np.sinh(a)
-    # s - sinh(a s) / (a cosh a), with a cosh a = sum (2k+1) a^(2k+1) / (2k+1)!
-    return (odd * ((2 * k + 1) * s - s ** (2 * k + 1))).sum(axis=0) / (a * np.cosh(a))
+        return self.pressure * self.length**2 / (8.0 * self.membrane_force) * _hump(self.a, s, self.ends)
 
 
 def shortening_integral(a, ends):
@@ -189,7 +199,8 @@ def shortening_integral(a, ends):
             return 1 / 3 + 2 / a**2 - 1.5 / (a * np.tanh(a)) - 0.5 / np.sinh(a) ** 2
         return 1 / 3 - 2 / a**2 + 2.5 * np.tanh(a) / a**3 - 0.5 / (a * np.cosh(a)) ** 2
     s, weight = np.polynomial.legendre.leggauss(24)
-    return 0.5 * np.sum(weight * _slope_shape(a, 0.5 * (s + 1.0), ends) ** 2)
+    s, (c, m, n) = 0.5 * (s + 1.0), _slope_series(a, ends)
+    return 0.5 * np.sum(weight * (c * (m * s - s**n)).sum(axis=0) ** 2)
 
 
 def von_karman_strip(p, ends, length, depth, E, nu):
@@ -218,16 +229,10 @@ def von_karman_strip(p, ends, length, depth, E, nu):
         a = np.exp(log_a)
         return np.log(8.0 * a**6 / (27.0 * shortening_integral(a, ends))) - 2.0 * np.log(q)
 
-    a = float(np.exp(brentq(excess, np.log(1e-8), np.log(300.0), xtol=1e-15, rtol=1e-14)))
-    if a < 0.02:  # 1 - (2/a) tanh(a/2) and its pinned twin by their series
-        h = a**2 / 12 - a**4 / 120 if ends == "clamped" else 5 * a**2 / 12 - 61 * a**4 / 360
-    elif ends == "clamped":
-        h = 1.0 - 2.0 / a * np.tanh(a / 2.0)
-    else:
-        h = 1.0 - 2.0 / a**2 * (1.0 - 1.0 / np.cosh(a))
-    ratio = 3.0 * q / (8.0 * a**2) * h
+    a = float(np.exp(brentq(excess, np.log(1e-12), np.log(300.0), xtol=1e-15, rtol=1e-14)))
+    ratio = 3.0 * q / (8.0 * a**2) * float(_hump(a, np.zeros(1), ends)[0])
     force = modulus * depth**3 * a**2 / (3.0 * length**2)
-    return Strip(float(ratio * depth), float(ratio), float(force), a, length, depth, float(p), ends)
+    return Strip(ratio * depth, ratio, force, a, length, depth, float(p), ends)
 
 
 def clamped_strip(p, length=0.254, depth=5.08e-3, E=68.95e9, nu=0.25):

@@ -43,12 +43,12 @@ def test_strip_satisfies_its_equations(ends, p):
     s = ref.STRIP
     strip = ref.von_karman_strip(p, ends, **s)
     modulus, L = ref.plane_strain_modulus(s["E"], s["nu"]), s["length"]
-    x = 0.5 * L * (np.polynomial.chebyshev.chebpts1(64) + 1)
-    w = np.polynomial.Chebyshev.fit(x, strip.deflection(x), 63, domain=[0, L])
+    x = 0.5 * L * (np.polynomial.chebyshev.chebpts1(32) + 1)
+    w = np.polynomial.Chebyshev.fit(x, strip.deflection(x), 31, domain=[0, L])
     stretch = (w.deriv() ** 2).integ()
     assert 0.5 * (stretch(L) - stretch(0)) == pytest.approx(strip.membrane_force * L / (modulus * s["depth"]), rel=1e-8)
     assert abs(w(0)) < 1e-10 * strip.w0
-    assert strip.deflection(L / 2) == pytest.approx(strip.w0, rel=1e-6)
+    assert strip.deflection(L / 2) == pytest.approx(strip.w0, rel=1e-12)
     slope_or_curvature = w.deriv()(0) * L if ends == "clamped" else w.deriv(2)(0) * L**2
     assert abs(slope_or_curvature) < 1e-6 * strip.w0
     inner = np.linspace(0.2, 0.8, 7) * L
@@ -94,10 +94,11 @@ def test_elastica(load):
 
 @pytest.mark.parametrize("nu", [0.0, 0.2, 0.33])
 def test_hencky_pure_bending_small_curvature(nu):
-    """M -> E' d^3/12 kappa; the mid-height fibre extends by (kappa d)^2 / (8 (1 - nu)): docs, section 2."""
-    moment, strain = ref.hencky_pure_bending(1e-3, nu)
-    assert moment * 12e3 == pytest.approx(1.0, rel=1e-6)
-    assert strain * 1e6 == pytest.approx(1.0 / (8.0 * (1.0 - nu)), rel=1e-5)
+    """`M/D = kappa (1 - (1 + n)(3 - n)/10 (kappa d)^2)`, mid-height strain `(1 + n)(kappa d)^2/8`, n = nu/(1 - nu)."""
+    n = nu / (1.0 - nu)
+    moment, strain = ref.hencky_pure_bending(1e-2, nu)
+    assert moment * 12e2 - 1.0 == pytest.approx(-(1 + n) * (3 - n) / 10 * 1e-4, rel=1e-3)
+    assert strain == pytest.approx((1 + n) / 8 * 1e-4, rel=1e-4)
 
 
 def test_hencky_pure_bending_is_collocation_converged():
@@ -129,7 +130,7 @@ def test_cantilever_against_finite_elements():
 
 @pytest.mark.parametrize("load", ["10kN", "100kN"])
 def test_cantilever_midline(load):
-    """The whole midline: 3e-4 L (end layers of the section, at the root and at the loaded face, are not in the beam)."""
+    """The whole midline: 3e-4 L, most of it at the root, where u_y is held in the mean and the middle moves."""
     fe = stored("cantilever")["midline"]
     u_x, u_y = ref.cantilever_beam(float(load[:-2]) * 1e3, section="hencky").displacement(fe["x"])
     assert np.abs(fe[load]["ux"] - u_x).max() < 3e-3
@@ -194,10 +195,10 @@ def test_tension_integrates_its_strain(dx):
 @pytest.mark.parametrize("dx", [0.02, 0.01])
 @pytest.mark.parametrize("theory", ["small_strain", "hencky"])
 def test_tension_against_finite_elements(dx, theory):
-    """What two-dimensional effects of the layers amount to: see docs, section 4."""
+    """Two-dimensional effects of the layers: 0.32 dx/m of the largest u_x, 0.22 dx/m of u_y (docs, section 4)."""
     fe = stored("tension_plate")
     table = fe["solutions"][f"dx={dx:g}"][theory]
     formula = {"small_strain": ref.tension_small_strain, "hencky": ref.tension_hencky}[theory]
     u_x, u_y = formula(fe["x"], 0.0, dx)[0], formula(0.0, fe["y"], dx)[1]
-    assert np.abs(table["ux_y0"] - u_x).max() < 1e-2 * u_x.max()
-    assert np.abs(table["uy_x0"] - u_y).max() < 1e-2 * np.abs(u_y).max()
+    assert np.abs(table["ux_y0"] - u_x).max() < 0.32 * dx * u_x.max()
+    assert np.abs(table["uy_x0"] - u_y).max() < 0.22 * dx * np.abs(u_y).max()

@@ -1,0 +1,73 @@
+"""Checkpoints: one HDF5 file from which a run goes on, on any number of ranks."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from pdpetsc.errors import InputError
+from pdpetsc.io.blocks import open_file, read_field, write_field
+from pdpetsc.particles import Particles
+from pdpetsc.state import State
+
+CHECKPOINT = "checkpoint.h5"
+FORMAT = 1
+
+
+def write_checkpoint(directory: Path, particles: Particles, state: State, description: dict) -> None:
+    """Write the state and what is needed to go on; the file is whole or absent (new file, then rename; collective).
+
+    Args:
+        directory: existing result directory.
+        description: plain data to keep with it: the case's document and the records of the steps so far.
+    """
+    p = particles
+    new = directory / (CHECKPOINT + ".new")
+    with open_file(p.comm, new, "w") as file:
+        write_field(p.comm, file, "u", p.directory, p.count, state.u)
+        write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
+        if file is not None:
+            file.attrs["pdpetsc_checkpoint"] = FORMAT
+            file.attrs["state"] = json.dumps({"time": state.time, "step": state.step, "step_size": state.step_size})
+            text = np.frombuffer(json.dumps(description).encode(), np.uint8)
+            data = file.create_dataset("description", text.shape, text.dtype)
+            data[...] = text
+    if p.comm.rank == 0:
+        new.replace(directory / CHECKPOINT)
+    p.comm.tompi4py().Barrier()
+
+
+def read_description(directory: Path) -> dict:
+    """The description kept in a checkpoint.
+
+    Raises:
+        InputError: there is no readable checkpoint of this format.
+    """
+    path = directory / CHECKPOINT
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("pdpetsc_checkpoint") != FORMAT:
+                raise InputError(f"{path}: this is no pdpetsc checkpoint of format {FORMAT}")
+            return json.loads(file["description"][...].tobytes())
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no checkpoint; restart needs the result directory of a run") from None
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
+
+
+def read_state(directory: Path, particles: Particles) -> State:
+    """The state of a checkpoint on the particles of the same case (collective).
+
+    Raises:
+        InputError: the particles are not those of the checkpoint (on all ranks alike).
+    """
+    path = directory / CHECKPOINT
+    p = particles
+    with h5py.File(path, "r") as file:
+        kept = json.loads(file.attrs["state"])
+        same = file["u"].shape == (p.count, p.dim)
+    same = same and np.array_equal(read_field(path, "position", p.directory), p.position[: p.owned])
+    if not p.comm.tompi4py().allreduce(int(same)) == p.comm.size:
+        raise InputError(f"{path}: the checkpoint belongs to other particles than the case that it holds")
+    return State(u=read_field(path, "u", p.directory), **kept)

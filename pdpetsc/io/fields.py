@@ -1,0 +1,93 @@
+"""Field output: one HDF5 file with the values and one XDMF file that tells ParaView, pyvista and meshio about them."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pdpetsc.io.blocks import open_file, write_field
+from pdpetsc.particles import Particles
+from pdpetsc.recover import Recovery
+
+XDMF, HDF5 = "fields.xdmf", "fields.h5"
+WRITTEN = ("u", "stress", "strain", "energy", "reaction")
+
+
+class FieldWriter:
+    """Writes the fields of load steps, one after the other.
+
+    The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon` and a group for each
+    step with vectors as (N, 3) and tensors as (N, 9). It is closed between steps.
+
+    Args:
+        directory: existing result directory.
+        particles: the distributed particles.
+    """
+
+    def __init__(self, directory: Path, particles: Particles):
+        self._directory = directory
+        self._particles = particles
+        self._steps: list[tuple[int, float]] = []
+        p = particles
+        with open_file(p.comm, directory / HDF5, "w") as file:
+            for name in ("position", "volume", "horizon"):
+                self._write(file, name, getattr(p, name)[: p.owned])
+            self._write(file, "vertex", p.id[: p.owned].astype(np.int32))
+
+    def write(self, step: int, time: float, recovery: Recovery) -> None:
+        """Append a step (collective)."""
+        with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
+            for name in WRITTEN:
+                self._write(file, f"{step:05d}/{name}", recovery.field(name))
+        self._steps.append((step, time))
+        if self._particles.comm.rank == 0:
+            tree = ElementTree.ElementTree(_xdmf(self._particles.count, self._steps))
+            ElementTree.indent(tree)
+            tree.write(self._directory / XDMF, xml_declaration=True)
+
+    def _write(self, file, name: str, values: np.ndarray) -> None:
+        p = self._particles
+        write_field(p.comm, file, name, p.directory, p.count, _for_visualisation(values))
+
+
+def _for_visualisation(values: np.ndarray) -> np.ndarray:
+    """Vectors with three components and tensors with nine."""
+    if values.ndim == 3:
+        return values.reshape(len(values), 9)
+    if values.ndim == 2:
+        return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+    return values
+
+
+_KINDS = {"u": ("Vector", 3), "stress": ("Tensor", 9), "strain": ("Tensor", 9), "energy": ("Scalar", 1)}
+_KINDS["reaction"] = _KINDS["u"]
+
+
+def _xdmf(count: int, steps: list[tuple[int, float]]) -> ElementTree.Element:
+    """An XDMF 3 temporal collection of point clouds."""
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    domain = ElementTree.SubElement(root, "Domain")
+    collection = ElementTree.SubElement(
+        domain, "Grid", Name="pdpetsc", GridType="Collection", CollectionType="Temporal"
+    )
+
+    def item(parent, name, dimensions, kind="Float", precision="8"):
+        data = ElementTree.SubElement(
+            parent, "DataItem", Dimensions=dimensions, NumberType=kind, Precision=precision, Format="HDF"
+        )
+        data.text = f"{HDF5}:/{name}"
+
+    for step, time in steps:
+        grid = ElementTree.SubElement(collection, "Grid", Name=f"step {step}", GridType="Uniform")
+        ElementTree.SubElement(grid, "Time", Value=repr(time))
+        topology = ElementTree.SubElement(
+            grid, "Topology", TopologyType="Polyvertex", NumberOfElements=str(count), NodesPerElement="1"
+        )
+        item(topology, "vertex", f"{count} 1", "Int", "4")
+        geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
+        item(geometry, "position", f"{count} 3")
+        for name, path in [("volume", "volume"), ("horizon", "horizon"), *((n, f"{step:05d}/{n}") for n in WRITTEN)]:
+            kind, components = _KINDS.get(name, ("Scalar", 1))
+            attribute = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
+            item(attribute, path, f"{count}" if components == 1 else f"{count} {components}")
+    return root

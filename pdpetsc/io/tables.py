@@ -1,0 +1,43 @@
+"""summary.json, history.csv and the case as run."""
+
+import csv
+import json
+import os
+from pathlib import Path
+
+import tomli_w
+
+MARK = "# pdpetsc "
+"""First words of the case as run: what tells a result directory of ours from others."""
+
+
+def write_case(directory: Path, document: dict, command: str) -> None:
+    """Write the case as run, variant and overrides merged."""
+    (directory / "case.toml").write_text(f"{MARK}{command}\n{tomli_w.dumps(document)}", encoding="utf-8")
+
+
+def is_result(directory: Path) -> bool:
+    """Whether a directory was written by pdpetsc."""
+    try:
+        return (directory / "case.toml").read_text(encoding="utf-8").startswith(MARK)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def write_history(path: Path, rows: list[dict]) -> None:
+    """Write history.csv whole; each row is a load step with the probes that are single numbers."""
+    scalar = (int, float, str)
+    columns = [name for name, value in rows[0].items() if isinstance(value, scalar)]
+    probes = [name for name, value in rows[0]["probes"].items() if isinstance(value, scalar)]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*columns, *probes])
+        for row in rows:
+            writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
+
+
+def write_summary(path: Path, summary: dict) -> None:
+    """Write summary.json, whole or not at all."""
+    new = path.with_suffix(".new")
+    new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    os.replace(new, path)

@@ -1,0 +1,120 @@
+"""Fields of a converged state, on this rank's owned particles."""
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from pdpetsc.assembly import Assembler
+
+
+class Recovery:
+    """Fields at one state, computed when asked for.
+
+    Args:
+        assembler: of the body, with the loads of the state's time.
+        u: (owned, dim) displacement.
+    """
+
+    def __init__(self, assembler: Assembler, u: np.ndarray):
+        self._assembler = assembler
+        self.u = u
+
+    def field(self, name: str) -> np.ndarray:
+        """(owned, ...) values of a field of FIELDS; collective."""
+        return FIELDS[name](self)
+
+    @cached_property
+    def _local(self) -> np.ndarray:
+        return self._assembler.localise(self.u)
+
+    def _of_families(self, method: str, shape: tuple[int, ...]) -> np.ndarray:
+        """A quantity that each material gives for its own families."""
+        out = np.zeros((self._assembler.particles.owned, *shape))
+        for material in self._assembler.materials:
+            out[material.families.center] = getattr(material, method)(self._local)
+        return out
+
+    @cached_property
+    def deformation_gradient(self) -> np.ndarray:
+        """F = I + H, (owned, 3, 3)."""
+        return np.eye(3) + self._of_families("displacement_gradient", (3, 3))
+
+    @cached_property
+    def stress(self) -> np.ndarray:
+        """Cauchy stress, (owned, 3, 3) [force/area]."""
+        return self._of_families("cauchy_stress", (3, 3))
+
+    @cached_property
+    def strain(self) -> np.ndarray:
+        """Logarithmic strain 1/2 ln(F F^T), (owned, 3, 3)."""
+        H = self._of_families("displacement_gradient", (3, 3))
+        T = H.transpose(0, 2, 1)
+        values, vectors = np.linalg.eigh(H + T + H @ T)
+        return np.einsum("npa,na,nqa->npq", vectors, 0.5 * np.log1p(values), vectors)
+
+    @cached_property
+    def family_energy(self) -> np.ndarray:
+        """Stored energy of each family [energy]."""
+        return self._of_families("energy", ())
+
+    @property
+    def energy_density(self) -> np.ndarray:
+        """Stored energy per reference volume [energy/volume]."""
+        return self.family_energy / self._assembler.particles.volume[: len(self.u)]
+
+    @property
+    def external(self) -> np.ndarray:
+        """External force on each particle, (owned, dim) [force]."""
+        return self._assembler.external
+
+    @cached_property
+    def _unbalanced(self) -> np.ndarray:
+        return self._assembler.unbalanced_force(self.u)
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Force that the support puts on each constrained component, zero elsewhere [force]."""
+        return np.where(self._assembler.constrained, self._unbalanced, 0.0)
+
+    def total_energy(self) -> float:
+        """Stored energy of the body (collective)."""
+        return self._assembler.mpi.allreduce(float(self.family_energy.sum()))
+
+    def balance(self) -> dict[str, float]:
+        """Sums of external forces, reactions and their moments in the deformed state, relative to the sums of their
+        absolute values: zero to rounding in equilibrium (collective)."""
+        p = self._assembler.particles
+        loads = np.zeros((p.owned, 3))
+        loads[:, : p.dim] = self._assembler.external + self.reaction
+        x = np.zeros((p.owned, 3))
+        x[:, : p.dim] = p.position[: p.owned] + self.u
+        moments = np.cross(x, loads)
+        sizes = [np.abs(loads).sum(), (np.linalg.norm(x, axis=1) * np.linalg.norm(loads, axis=1)).sum()]
+        mpi = self._assembler.mpi
+        sums = mpi.allreduce(np.concatenate([loads.sum(axis=0), moments.sum(axis=0), sizes]))
+        force, moment, force_size, moment_size = sums[:3], sums[3:6], sums[6] or 1.0, sums[7] or 1.0
+        return {
+            "force": float(np.linalg.norm(force) / force_size),
+            "moment": float(np.linalg.norm(moment) / moment_size),
+        }
+
+
+FIELDS: dict[str, Callable[[Recovery], np.ndarray]] = {
+    "u": lambda r: r.u,
+    "F": lambda r: r.deformation_gradient,
+    "stress": lambda r: r.stress,
+    "strain": lambda r: r.strain,
+    "energy": lambda r: r.energy_density,
+    "reaction": lambda r: r.reaction,
+    "force": lambda r: r.external,
+}
+"""Names of fields in probes and files: displacement, deformation gradient, Cauchy stress, logarithmic strain, strain
+energy density, reactions, external forces."""
+
+
+def component(values: np.ndarray, name: str) -> np.ndarray:
+    """One component of a vector ("x") or tensor ("xy") field, or its "magnitude" (Frobenius norm)."""
+    if name == "magnitude":
+        return np.sqrt((values.reshape(len(values), -1) ** 2).sum(axis=1))
+    return values[(slice(None), *("xyz".index(axis) for axis in name))]
