@@ -6,6 +6,7 @@ from petsc4py import PETSc
 
 from pdpetsc.loads.base import Constraint, Load
 from pdpetsc.materials.base import Material
+from pdpetsc.parallel import collective
 from pdpetsc.matrix import TangentMatrix
 from pdpetsc.particles import Particles
 from pdpetsc.sparsity import Sparsity, tangent_sparsity
@@ -27,7 +28,7 @@ class Assembler:
     """
 
     def __init__(self, particles: Particles, materials: list[Material], loads: list[Load], timings: Timings):
-        self._timings = timings
+        self.timings = timings
         self.particles = particles
         self.materials = materials
         self._constraints = [load for load in loads if isinstance(load, Constraint)]
@@ -69,12 +70,13 @@ class Assembler:
         return self.mpi.allreduce(float(total)) / p.count
 
     def set_time(self, time: float) -> None:
-        """Prescribed values and external forces at a time."""
-        for constraint in self._constraints:
-            self.prescribed[constraint.entries] = constraint.values(time)
+        """Prescribed values and external forces at a time (collective)."""
         self.external[:] = 0
-        for load in self._forces:
-            load.add(time, self.external)
+        with collective(self.mpi):
+            for constraint in self._constraints:
+                self.prescribed[constraint.entries] = constraint.values(time)
+            for load in self._forces:
+                load.add(time, self.external)
 
     def vector(self) -> PETSc.Vec:
         """A global vector with one entry for each displacement component."""
@@ -114,7 +116,7 @@ class Assembler:
 
     def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         """SNES function."""
-        with self._timings("residual"):
+        with self.timings("residual"):
             r = self.residual_array(x.getArray(readonly=True).reshape(-1, self.dim))
             f.getArray()[...] = r.ravel()
 
@@ -147,7 +149,7 @@ class Assembler:
     def matrix(self) -> PETSc.Mat:
         """The PETSc matrix of the tangent, its pattern made on first use."""
         if self._matrix is None:
-            with self._timings("first_tangent"):
+            with self.timings("first_tangent"):
                 parts = [(m.families, m.dual, m.couples_family) for m in self.materials]
                 self._sparsity = tangent_sparsity(self.particles, parts)
                 self._matrix = TangentMatrix(self.particles, self._sparsity)
@@ -164,7 +166,7 @@ class Assembler:
     def assemble(self, u: np.ndarray) -> PETSc.Mat:
         """Fill the matrix at owned displacements."""
         mat = self.matrix()
-        with self._timings("tangent" if self._filled else "first_tangent"):
+        with self.timings("tangent" if self._filled else "first_tangent"):
             self.linearise(u)
             sparsity = self._sparsity
             blocks = sparsity.zero_blocks(self.dim)

@@ -97,6 +97,10 @@ def _as_long_as_dimension(value: tuple, info: ValidationInfo) -> tuple:
     return value
 
 
+def _zeros_if_missing(value: Any, info: ValidationInfo) -> Any:
+    return (0.0,) * info.context.dim if value is None else value
+
+
 def _axes(value: Any, info: ValidationInfo) -> tuple[int, ...]:
     """Turn "x", a list of axes or "all" into the indices of the axes."""
     axes = list(AXES[: info.context.dim])
@@ -229,9 +233,7 @@ class Body(Table):
     size: Annotated[tuple[Positive, ...], Strict(False), Field(min_length=1, max_length=3)]
     spacing: Positive
     thickness: Positive = 1.0  # out of plane in 2D, the cross-section in 1D
-    origin: Annotated[Vector, BeforeValidator(lambda value, info: value or (0.0,) * info.context.dim)] = Field(
-        None, validate_default=True
-    )
+    origin: Annotated[Vector, BeforeValidator(_zeros_if_missing)] = Field(None, validate_default=True)
     horizon: Horizon
     keep: Condition | None = None
     layers: dict[Annotated[str, AfterValidator(_face)], Annotated[LayerWidth, PlainValidator(_layer_width)]] = {}
@@ -505,7 +507,7 @@ def load(argument: str, overrides: tuple[str, ...] | list[str] = ()) -> Case:
     Raises:
         InputError: There is no such case, or something in it or in an override is wrong.
     """
-    word, variant = re.fullmatch(r"(.*?)(?::([^:/]*))?", argument, re.DOTALL).groups()
+    word, variant = re.fullmatch(r"(.*\.toml|.*?)(?::([^:/]*))?", argument, re.DOTALL).groups()
     path = Path(word) if word.endswith(".toml") else bundled().get(word)
     if path is None:
         names = list(bundled())

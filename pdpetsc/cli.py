@@ -88,15 +88,19 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def petsc_defaults(arguments: list[str]) -> Mapping:
-    """Return the [petsc] table of the case that is asked for, before PETSc starts and ranks can talk.
+    """Return the [petsc] table of the case that is asked for, read before PETSc starts.
 
     A mistake is passed over here: `main` meets it again and reports it.
     """
     try:
         request = parse(arguments)
-        return case.load(request.operand, request.overrides).petsc if request.command == "run" else {}
+        if request.command == "run":
+            return case.load(request.operand, request.overrides).petsc
+        if request.command == "restart":
+            return case.load(str(Path(request.operand) / "case.toml")).petsc  # the case as run
     except InputError:
-        return {}
+        pass
+    return {}
 
 
 def main(arguments: list[str]) -> int:

@@ -3,7 +3,6 @@
 import ctypes
 import os
 import re
-import sys
 from collections.abc import Callable, Mapping
 
 _OPTION = re.compile(r"-[A-Za-z_]")
@@ -54,11 +53,11 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
     os.environ["PETSC_OPTIONS"] = " ".join(words).strip()
     import petsc4py
 
-    petsc4py.init([sys.argv[0], *arguments])
+    petsc4py.init(["pdpetsc", *arguments])
 
 
 def add(defaults: Mapping[str, str | int | float | bool]) -> None:
-    """Give PETSc options, after its start, that nobody has given yet; for a case that is known late (a restart)."""
+    """Give PETSc options, after its start, that nobody has given yet."""
     from petsc4py import PETSc
 
     options = PETSc.Options()

@@ -4,6 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pdpetsc.body.box import NAMES
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery, component
 
@@ -104,7 +105,8 @@ class Probe:
             case "max":
                 return _maximum(mpi, values)
         X = p.position[: p.owned][self._members]
-        exact = self._spec.exact(**dict(zip(NAMES, X.T)), t=time)
+        with collective(mpi):
+            exact = self._spec.exact(**dict(zip(NAMES, X.T)), t=time)
         squares = mpi.allreduce(np.array([(volume * (values - exact) ** 2).sum(), (volume * exact**2).sum()]))
         return np.sqrt(squares[0] / squares[1]) if squares[1] > 0 else np.sqrt(squares[0])
 

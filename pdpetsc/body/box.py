@@ -3,6 +3,7 @@
 import numpy as np
 
 from pdpetsc.errors import InputError
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Points
 
 FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
@@ -59,9 +60,11 @@ def box(comm, body, keep, horizon) -> Points:
     index = np.stack(np.unravel_index(np.arange(first, last), counts, order="F"), axis=1)
     position = np.array(body.origin) + (index - extra[:, 0] + 0.5) * cell
     spacings = np.full(len(position), spacing)
-    if keep is not None:
-        kept = keep.mask(**coordinates(position, spacings))
-        position, spacings = position[kept], spacings[kept]
+    with collective(comm):
+        if keep is not None:
+            kept = keep.mask(**coordinates(position, spacings))
+            position, spacings = position[kept], spacings[kept]
+        horizons = horizon(position, spacings)
 
     n = len(position)
     offset = comm.scan(n) - n
@@ -72,5 +75,5 @@ def box(comm, body, keep, horizon) -> Points:
         position=position,
         volume=np.full(n, np.prod(cell) * body.thickness),
         spacing=spacings,
-        horizon=horizon(position, spacings),
+        horizon=horizons,
     )

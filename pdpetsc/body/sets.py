@@ -5,6 +5,7 @@ from mpi4py import MPI
 
 from pdpetsc.body.box import coordinates
 from pdpetsc.errors import InputError
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 
 
@@ -26,8 +27,9 @@ class Sets:
         self._mpi = particles.comm.tompi4py()
         self._masks = {"all": np.ones(n, bool)}
         place = coordinates(X, particles.spacing[:n])
-        for name, condition in conditions.items():
-            self._masks[name] = np.broadcast_to(condition.mask(**place), n)
+        with collective(self._mpi):
+            for name, condition in conditions.items():
+                self._masks[name] = condition.mask(**place)
         for name, point in points.items():
             self._masks[name] = self._nearest(X, particles.id[:n], np.array(point))
 

@@ -10,7 +10,7 @@ from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery
 
 XDMF, HDF5 = "fields.xdmf", "fields.h5"
-WRITTEN = ("u", "stress", "strain", "energy", "reaction")
+WRITTEN = ("u", "F", "stress", "strain", "energy", "reaction", "force")
 
 
 class FieldWriter:
@@ -22,17 +22,31 @@ class FieldWriter:
     Args:
         directory: existing result directory.
         particles: the distributed particles.
+        times: times of the steps before this run, when it goes on with an earlier one: their fields are kept.
     """
 
-    def __init__(self, directory: Path, particles: Particles):
+    def __init__(self, directory: Path, particles: Particles, times: dict[int, float]):
         self._directory = directory
         self._particles = particles
         self._steps: list[tuple[int, float]] = []
         p = particles
+        if times and (directory / HDF5).exists():
+            self._keep(times)
+            return
         with open_file(p.comm, directory / HDF5, "w") as file:
             for name in ("position", "volume", "horizon"):
                 self._write(file, name, getattr(p, name)[: p.owned])
             self._write(file, "vertex", p.id[: p.owned].astype(np.int32))
+
+    def _keep(self, times: dict[int, float]) -> None:
+        """Keep the steps of an earlier run up to its checkpoint and drop later ones."""
+        with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
+            written = sorted(name for name in file if name.isdigit()) if file is not None else []
+            for name in written:
+                if int(name) not in times:
+                    del file[name]
+        written = self._particles.comm.tompi4py().bcast(written)
+        self._steps = [(int(name), times[int(name)]) for name in written if int(name) in times]
 
     def write(self, step: int, time: float, recovery: Recovery) -> None:
         """Append a step (collective)."""
@@ -59,8 +73,8 @@ def _for_visualisation(values: np.ndarray) -> np.ndarray:
     return values
 
 
-_KINDS = {"u": ("Vector", 3), "stress": ("Tensor", 9), "strain": ("Tensor", 9), "energy": ("Scalar", 1)}
-_KINDS["reaction"] = _KINDS["u"]
+_KINDS = {1: ("Scalar", ""), 3: ("Vector", " 3"), 9: ("Tensor", " 9")}
+_COMPONENTS = {"u": 3, "reaction": 3, "force": 3, "F": 9, "stress": 9, "strain": 9}
 
 
 def _xdmf(count: int, steps: list[tuple[int, float]]) -> ElementTree.Element:
@@ -87,7 +101,7 @@ def _xdmf(count: int, steps: list[tuple[int, float]]) -> ElementTree.Element:
         geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
         item(geometry, "position", f"{count} 3")
         for name, path in [("volume", "volume"), ("horizon", "horizon"), *((n, f"{step:05d}/{n}") for n in WRITTEN)]:
-            kind, components = _KINDS.get(name, ("Scalar", 1))
+            kind, columns = _KINDS[_COMPONENTS.get(name, 1)]
             attribute = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
-            item(attribute, path, f"{count}" if components == 1 else f"{count} {components}")
+            item(attribute, path, f"{count}{columns}")
     return root

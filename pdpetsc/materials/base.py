@@ -61,6 +61,15 @@ class Material:
         if "name" in cls.__dict__:
             Material.models[cls.name] = cls
 
+    @classmethod
+    def from_case(cls, spec, neighbourhood: Neighbourhood, weight: np.ndarray) -> "Material":
+        """From the case's `[material.NAME]` table and the weights w beta of the bonds.
+
+        Raises:
+            InputError: a family on which the model is not defined (on this rank only).
+        """
+        raise NotImplementedError
+
     def add_force(self, u: np.ndarray, force: np.ndarray) -> None:
         """Add the internal forces dW/du [force] to `force`; NaN where the state is outside the model's domain."""
         raise NotImplementedError

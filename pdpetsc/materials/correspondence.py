@@ -13,7 +13,7 @@ from pdpetsc.errors import InputError
 from pdpetsc.materials import correspondence_kernels as kernels
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.materials.elasticity import elastic_law
-from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, Stabilisation, micromodulus
+from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, DEFAULT_STRENGTH, Stabilisation, micromodulus
 
 SMALLEST_SHAPE = 1e-6
 """Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
@@ -74,6 +74,13 @@ class Correspondence(Material):
         self._own = np.full(len(X), -1, np.int32)
         self._own[families.center] = np.arange(len(families))
         self._tensor = np.empty((0,) * 5)
+
+    @classmethod
+    def from_case(cls, spec, neighbourhood, weight):
+        control = spec.stabilisation
+        strength = DEFAULT_STRENGTH[control.kind] if control.strength is None else control.strength
+        stabilisation = Stabilisation(control.kind, strength)
+        return cls(neighbourhood, weight, spec.elasticity, spec.E, spec.nu, stabilisation)
 
     def _family_arrays(self):
         return self.families.center, self.families.offsets, self.families.neighbours, self._g

@@ -22,6 +22,9 @@ import numpy as np
 AFFINE_PART_REMOVED = {"none": 0.0, "spring": 0.0, "silling": 1.0}
 """a of the energy above. `spring` is seed 004 Eq. 3.41: not objective, no patch test, for comparison only."""
 
+DEFAULT_STRENGTH = {"none": 0.0, "spring": 0.1, "silling": 0.1}
+"""G where the case gives none."""
+
 
 class Stabilisation(NamedTuple):
     """Zero-energy control: its kind and its dimensionless strength G."""

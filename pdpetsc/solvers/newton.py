@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from petsc4py import PETSc
 
+from pdpetsc import options
 from pdpetsc.assembly import Assembler
-from pdpetsc.solvers.linear import choose_linear_solver, set_default
+from pdpetsc.solvers.linear import choose_linear_solver
 
 ROUNDING_MARGIN = 10.0
 """A residual that no longer falls counts as converged below this many times its estimated rounding error."""
@@ -55,11 +56,9 @@ class Newton:
     def __init__(self, assembler: Assembler):
         self._assembler = assembler
         p = assembler.particles
-        for name, value in {
-            "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30,
-            "snes_linesearch_type": "basic",
-        }.items():  # fmt: skip
-            set_default(name, value)
+        options.add({
+            "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30, "snes_linesearch_type": "basic",
+        })  # fmt: skip
         choose_linear_solver(p.comm, p.count * p.dim, p.dim, assembler.symmetric)
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
         self.snes = snes = PETSc.SNES().create(p.comm)
@@ -80,7 +79,8 @@ class Newton:
         Raises:
             StepFailed: with SNES's or KSP's reason.
         """
-        start = clock.perf_counter()
+        start, seconds = clock.perf_counter(), self._assembler.timings.seconds
+        elsewhere = sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
         self._record = record = NewtonRecord()
         self._assembler.set_time(time)
         self._predict(u)
@@ -92,6 +92,8 @@ class Newton:
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._at_rounding_floor(self._x):
             record.rounding_floor, reason = True, 1
         record.seconds = clock.perf_counter() - start
+        elsewhere -= sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
+        seconds["solve"] += record.seconds + elsewhere
         if reason <= 0:
             raise StepFailed(self._explain(reason))
         return self._x.getArray(readonly=True).reshape(u.shape).copy(), record

@@ -114,11 +114,11 @@ def test_one_sentence_says_what_is_wrong(text, reason):
 @pytest.mark.parametrize(
     "text",
     [
-        "__import__('os').system('true')", "().__class__", "X.dtype", "X[0]", "[X]", "(X, X)", "{1: 2}", "'a'", "b'a'",
-        "1j", "...", "None", "lambda: 1", "(lambda: 1)()", "X if X > 0 else 1", "(X := 2)", "X is X", "X in X",
-        "X // 2", "X % 2", "X @ X", "~X", "X << 1", "sin(*X)", "sin(x=X)", "sin(X, out=X)", "f'{X}'", "[i for i in X]",
-        "print(X)", "eval('1')", "sin", "sin.__call__(X)", "X; X", "import os", "X = 1", "\0", "\ud800", "await X", "yield",
-        "numpy.sin(X)", "#", "X\\",
+        "__import__('os').system('true')", "().__class__", "X.dtype", "X[0]", "[X]", "(X, X)", "{1: 2}", "'a'",
+        "b'a'", "1j", "...", "None", "lambda: 1", "(lambda: 1)()", "X if X > 0 else 1", "(X := 2)", "X is X",
+        "X in X", "X // 2", "X % 2", "X @ X", "~X", "X << 1", "sin(*X)", "sin(x=X)", "sin(X, out=X)", "f'{X}'",
+        "[i for i in X]", "print(X)", "eval('1')", "sin", "sin.__call__(X)", "X; X", "import os", "X = 1", "\0",
+        "\ud800", "await X", "yield", "numpy.sin(X)", "#", "X\\",
     ],
 )  # fmt: skip
 def test_nothing_else_is_an_expression(text):

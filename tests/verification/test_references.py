@@ -179,6 +179,7 @@ def test_tension_integrates_its_strain(dx):
     """u_x by quadrature of the stretch, u_y by the lateral one, at finite and at small strain."""
     b, E, nu = (ref.PLATE[k] for k in ("b", "E", "nu"))
     for X in (0.3, 0.5 - 0.4 * dx, -0.5):
+
         def nominal(x):
             return b * min(dx, 0.5 - abs(x))
 
@@ -202,3 +203,15 @@ def test_tension_against_finite_elements(dx, theory):
     u_x, u_y = formula(fe["x"], 0.0, dx)[0], formula(0.0, fe["y"], dx)[1]
     assert np.abs(table["ux_y0"] - u_x).max() < 0.32 * dx * u_x.max()
     assert np.abs(table["uy_x0"] - u_y).max() < 0.22 * dx * np.abs(u_y).max()
+
+
+def test_parameters_agree():
+    """The finite-element script states its own parameters; they are those of the closed forms."""
+    pairs = {
+        "clamped_strip": ref.STRIP,
+        "pinned_strip": ref.STRIP,
+        "cantilever": ref.CANTILEVER,
+        "tension_plate": ref.PLATE,
+    }
+    for name, parameters in pairs.items():
+        assert stored(name)["parameters"] == parameters

@@ -1,0 +1,118 @@
+"""Observers: what is shown and written, and when. Each is told of the start, of every committed step and of the end."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from pdpetsc.io.checkpoint import write_checkpoint
+from pdpetsc.io.fields import FieldWriter
+from pdpetsc.io.tables import write_history
+
+
+class Observer:
+    """Sees a run go by; every method is called on all ranks."""
+
+    def start(self, run) -> None:
+        """Before the first step; `run` is the driver's Run."""
+
+    def step(self, run) -> None:
+        """After a step was committed; its row is `run.rows[-1]`."""
+
+    def failed(self, run, reached: float, tried: float, reason: str) -> None:
+        """After a step was cut."""
+
+    def finish(self, run) -> None:
+        """After the last step, whether the run converged or not."""
+
+
+class ProgressTable(Observer):
+    """A line for each load step, and a progress bar where the terminal allows one (first rank)."""
+
+    COLUMNS = (
+        ("step", "{step:5d}"),
+        ("time", "{time:10.4g}"),
+        ("newton", "{newton_iterations:7d}"),
+        ("linear", "{linear_iterations:7d}"),
+        ("residual", "{relative_residual:10.2e}"),
+        ("broken", "{broken_bonds:8d}"),
+        ("seconds", "{seconds:9.3f}"),
+    )
+
+    def __init__(self, comm, quiet: bool):
+        self._console = Console(quiet=quiet or comm.rank > 0, highlight=False, soft_wrap=True)
+        self._progress = Progress(
+            TextColumn("load steps"),
+            BarColumn(),
+            TextColumn("t = {task.fields[time]:g}"),
+            TimeRemainingColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal or self._console.quiet,
+        )
+
+    def start(self, run):
+        widths = [len(template.format_map(_Sample())) for _, template in self.COLUMNS]
+        self._console.print("".join(f"{name:>{width}}" for (name, _), width in zip(self.COLUMNS, widths)))
+        self._progress.start()
+        self._task = self._progress.add_task("", total=run.schedule.end, completed=run.state.time, time=run.state.time)
+
+    def step(self, run):
+        row = run.rows[-1]
+        remark = "  (residual at the rounding floor)" if row["rounding_floor"] else ""
+        self._progress.console.print("".join(t.format_map(row) for _, t in self.COLUMNS) + remark)
+        self._progress.update(self._task, completed=row["time"], time=row["time"])
+
+    def failed(self, run, reached, tried, reason):
+        self._progress.console.print(f"      step to t = {tried:g} cut in half: {reason}")
+
+    def finish(self, run):
+        self._progress.stop()
+
+
+class _Sample(dict):
+    """Any column as a number, to measure its width."""
+
+    def __missing__(self, key):
+        return 0
+
+
+class History(Observer):
+    """history.csv, a row for each step."""
+
+    def __init__(self, directory: Path):
+        self._path = directory / "history.csv"
+
+    def step(self, run):
+        if run.comm.rank == 0:
+            write_history(self._path, run.rows)
+
+
+class FieldOutput(Observer):
+    """Fields every n steps and at the last one."""
+
+    def __init__(self, directory: Path, every: int):
+        self._directory = directory
+        self._every = every
+
+    def start(self, run):
+        known = {row["step"]: row["time"] for row in run.rows}
+        self._writer = FieldWriter(self._directory, run.particles, known)
+
+    def step(self, run):
+        if run.state.step % self._every == 0 or run.schedule.finished(run.state.time):
+            with run.timings("output"):
+                self._writer.write(run.state.step, run.state.time, run.recovery)
+
+
+class Checkpoint(Observer):
+    """A checkpoint every n steps and at the last one."""
+
+    def __init__(self, directory: Path, every: int):
+        self._directory = directory
+        self._every = every
+
+    def step(self, run):
+        if run.state.step % self._every == 0 or run.schedule.finished(run.state.time):
+            with run.timings("output"):
+                write_checkpoint(self._directory, run.particles, run.state, run.description)

@@ -1,0 +1,180 @@
+"""The command line: what it asks for, what it refuses, and the exit codes."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import pdpetsc
+from pdpetsc import __main__, case, cli
+from pdpetsc.errors import ConvergenceError, InputError
+
+ROD = """
+title = "A rod"
+[body]
+size = [1.0]
+spacing = 0.1
+horizon = 2.015
+[material.steel]
+model = "correspondence"
+E = 1.0
+nu = 0.0
+[petsc]
+ksp_type = "cg"
+[variant.fine]
+body.spacing = 0.05
+"""
+
+
+@pytest.fixture(autouse=True)
+def bundled(tmp_path, monkeypatch):
+    """Bundle two cases of our own and work in an empty directory."""
+    cases = tmp_path / "cases"
+    cases.mkdir()
+    (cases / "rod.toml").write_text(ROD)
+    (cases / "clamped_beam.toml").write_text(
+        ROD.replace("A rod", "A beam").replace("[variant.fine]", "[variant.rows3]")
+    )
+    monkeypatch.setattr(case, "BUNDLED", cases)
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)  # `main` sets it; put it back afterwards
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def driver(monkeypatch):
+    """A driver that notes what it is asked to do."""
+    calls = []
+
+    def run(chosen, out, quiet):
+        calls.append((chosen.name, chosen.variant, chosen.overridden, out, quiet))
+        return 0
+
+    def restart(directory, quiet):
+        calls.append((directory, quiet))
+        return 4
+
+    stub = SimpleNamespace(run=run, restart=restart, calls=calls)
+    monkeypatch.setattr(pdpetsc, "driver", stub, raising=False)
+    monkeypatch.setitem(sys.modules, "pdpetsc.driver", stub)
+    return stub
+
+
+@pytest.mark.parametrize(
+    ("line", "call"),
+    [
+        ("", ("clamped_beam", None, False, Path("results/clamped_beam"), False)),
+        ("run", ("clamped_beam", None, False, Path("results/clamped_beam"), False)),
+        ("rod", ("rod", None, False, Path("results/rod"), False)),
+        ("--quiet rod:fine", ("rod", "fine", False, Path("results/rod-fine"), True)),
+        ("run --out here/it rod", ("rod", None, False, Path("here/it"), False)),
+        ("cases/rod.toml:fine", ("rod", "fine", False, Path("results/rod-fine"), False)),
+        ("rod --set body.spacing=0.2 --set solver.steps=3", ("rod", None, True, Path("results/rod"), False)),
+    ],
+)
+def test_run(line, call, driver):
+    assert cli.main(line.split()) == 0
+    assert driver.calls == [call]
+
+
+def test_restart(driver):
+    assert cli.main(["restart", "results/rod", "--quiet"]) == 4
+    assert driver.calls == [(Path("results/rod"), True)]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (
+            "rodd",
+            "unknown word 'rodd' (did you mean 'rod'?); commands: run, list, restart; bundled cases: clamped_beam,",
+        ),
+        ("rodd:fine", "unknown word 'rodd:fine' (did you mean 'rod'?)"),
+        ("rnu rod", "unknown word 'rnu' (did you mean 'run'?)"),
+        ("rod clamped_beam", "more than one case: rod, clamped_beam"),
+        ("rod:coarse", "rod.toml: there is no variant 'coarse'; choices: fine"),
+        ("no.toml", "no.toml: there is no such file"),
+        ("rod --set body.spacing", "--set body.spacing: must be key=value"),
+        ("rod --set body.spacing=-1", "rod.toml: body.spacing: must be greater than 0, not -1"),
+        ("rod --ouput x", "unrecognized arguments: --ouput x; see pdpetsc --help"),
+        ("rod --out", "argument --out: expected one argument; see pdpetsc --help"),
+        ("list rod", "unknown word 'rod'"),
+        ("list --out x", "list takes neither --out nor --set"),
+        ("restart", "restart needs the directory of an earlier result"),
+        ("restart x --set a=1", "restart takes neither --out nor --set"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(line, message, driver, capsys):
+    assert cli.main(line.split()) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("pdpetsc: error: ") and said.err.count("\n") == 1
+    assert message in said.err
+    assert driver.calls == []
+
+
+@pytest.mark.parametrize(("error", "code"), [(InputError("no horizon"), 2), (ConvergenceError("diverged"), 3)])
+def test_errors_of_the_driver(error, code, driver, capsys):
+    def fail(*_):
+        raise error
+
+    driver.run = fail
+    assert cli.main(["rod"]) == code
+    assert capsys.readouterr().err == f"pdpetsc: error: {error}\n"
+
+
+def test_list(capsys):
+    assert cli.main(["list"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "clamped_beam  A beam",
+        "              variants: rows3",
+        "rod           A rod",
+        "              variants: fine",
+    ]
+
+
+@pytest.mark.parametrize("line", ["-h", "--help", "run rod --help", "restart --help"])
+def test_help(line, capsys):
+    assert cli.main(line.split()) == 0
+    said = capsys.readouterr().out
+    assert "pdpetsc restart DIR" in said and "mpirun -n 4" in said and max(map(len, said.splitlines())) <= 100
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"pdpetsc {pdpetsc.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("rod", {"ksp_type": "cg"}),
+        ("rod --set petsc.ksp_type=gmres --set petsc.x=1", {"ksp_type": "gmres", "x": 1}),
+        ("nonsense", {}),
+        ("no.toml", {}),
+        ("rod --set body.spacing=-1", {}),
+        ("--nonsense", {}),
+        ("list", {}),
+        ("restart nowhere", {}),
+        ("restart earlier", {"ksp_type": "cg"}),
+    ],
+)
+def test_petsc_defaults_pass_over_mistakes(line, expected, tmp_path):
+    (tmp_path / "earlier").mkdir()
+    (tmp_path / "earlier" / "case.toml").write_text(ROD)
+    assert cli.petsc_defaults(line.split()) == expected
+
+
+def test_missing_petsc4py_is_one_sentence(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "petsc4py", None)
+    assert __main__.main() == 2
+    said = capsys.readouterr().err
+    assert said.startswith("pdpetsc: error: petsc4py is missing; install it with 'apt-get install python3-petsc4py'")
+    assert said.count("\n") == 1
+
+
+def test_bad_input_on_several_ranks(run_pdpetsc):
+    run = run_pdpetsc(2, "-snes_monitor", "no.toml", limit=60)
+    assert run.returncode == 2
+    assert run.stderr.count("pdpetsc: error: no.toml: there is no such file") == 1
+    assert "Traceback" not in run.stderr and "MPI_ABORT" not in run.stderr
