@@ -6,8 +6,8 @@ from petsc4py import PETSc
 
 from pdpetsc.loads.base import Constraint, Load
 from pdpetsc.materials.base import Material
-from pdpetsc.parallel import collective
 from pdpetsc.matrix import TangentMatrix
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.sparsity import Sparsity, tangent_sparsity
 from pdpetsc.timings import Timings

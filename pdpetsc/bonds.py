@@ -119,9 +119,7 @@ def bond_weights(
     xi = position[families.neighbours] - families.per_bond(position)
     length = np.sqrt((xi**2).sum(axis=1))
     delta = families.per_bond(horizon)
-    return INFLUENCE[influence](length / delta) * PARTIAL_VOLUME[partial](
-        length, delta, spacing[families.neighbours]
-    )
+    return INFLUENCE[influence](length / delta) * PARTIAL_VOLUME[partial](length, delta, spacing[families.neighbours])
 
 
 @njit(cache=True)

@@ -76,6 +76,8 @@ class Run:
             solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
             solver.max_step or nominal,
         )  # fmt: skip
+        for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
+            self.assembler.set_time(time)
         self.newton = Newton(self.assembler)
         self.state = State(u=np.zeros((p.owned, p.dim)))
         self.rows: list[dict] = []
@@ -95,16 +97,16 @@ class Run:
 
     def solve(self) -> str:
         """Run to the end of the schedule; the status for summary.json and, where it did not converge, why."""
-        reason = ""
         for observer in self.observers:
             observer.start(self)
         try:
             march(self.newton, self.state, self.schedule, self._commit, self._failed)
         except ConvergenceError as error:
-            reason = str(error)
-        for observer in self.observers:
-            observer.finish(self)
-        return reason
+            return str(error)
+        finally:
+            for observer in self.observers:
+                observer.finish(self)
+        return ""
 
     def _commit(self, state: State, record: NewtonRecord) -> None:
         self.__dict__.pop("recovery", None)
@@ -219,9 +221,7 @@ def _loads(case: Case, p: Particles, sets: Sets) -> list[Load]:
     loads = []
     for spec in case.load:
         members = np.flatnonzero(sets[spec.set])
-        site = Site(
-            p.comm.tompi4py(), members, p.position[members], p.volume[members], p.spacing[members], spec.value
-        )
+        site = Site(p.comm.tompi4py(), members, p.position[members], p.volume[members], p.spacing[members], spec.value)
         loads.append(Load.kinds[spec.kind](site, spec))
     return loads
 

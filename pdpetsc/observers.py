@@ -27,7 +27,7 @@ class Observer:
 
 
 class ProgressTable(Observer):
-    """A line for each load step, and a progress bar where the terminal allows one (first rank)."""
+    """A line for each load step, and below them a progress bar where a single process has a terminal."""
 
     COLUMNS = (
         ("step", "{step:5d}"),
@@ -48,7 +48,8 @@ class ProgressTable(Observer):
             TimeRemainingColumn(),
             console=self._console,
             transient=True,
-            disable=not self._console.is_terminal or self._console.quiet,
+            # Open MPI gives its first rank a terminal even when the output goes to a file.
+            disable=comm.size > 1 or not self._console.is_terminal or self._console.quiet,
         )
 
     def start(self, run):

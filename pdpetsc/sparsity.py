@@ -147,9 +147,7 @@ def _unite(offsets_a, columns_a, offsets_b, columns_b):
     n = 0
     for a in range(rows):
         both = np.unique(
-            np.concatenate(
-                (columns_a[offsets_a[a] : offsets_a[a + 1]], columns_b[offsets_b[a] : offsets_b[a + 1]])
-            )
+            np.concatenate((columns_a[offsets_a[a] : offsets_a[a + 1]], columns_b[offsets_b[a] : offsets_b[a + 1]]))
         )
         columns[n : n + len(both)] = both
         n += len(both)

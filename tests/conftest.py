@@ -96,7 +96,7 @@ def environment_for_mpirun() -> dict[str, str]:
         "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
     }
     path = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))  # this tree, installed or not
-    return defaults | inherited | {"PYTHONPATH": path}
+    return defaults | inherited | {"PYTHONPATH": path, "TERM": "dumb"}  # mpirun gives its first rank a terminal
 
 
 def wait(job: subprocess.Popen, limit: float) -> bool:

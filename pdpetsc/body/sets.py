@@ -46,4 +46,3 @@ class Sets:
         if not self._mpi.allreduce(int(mask.sum())):
             raise InputError(f"sets.{name}: no particle lies in this set; its condition is false at every particle")
         return mask
-

@@ -24,13 +24,14 @@ def write_checkpoint(directory: Path, particles: Particles, state: State, descri
     """
     p = particles
     new = directory / (CHECKPOINT + ".new")
+    # Metadata must be the same on all ranks, and wall-clock seconds are not.
+    text = p.comm.tompi4py().bcast(np.frombuffer(json.dumps(description).encode(), np.uint8))
     with open_file(p.comm, new, "w") as file:
         write_field(p.comm, file, "u", p.directory, p.count, state.u)
         write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
         if file is not None:
             file.attrs["pdpetsc_checkpoint"] = FORMAT
             file.attrs["state"] = json.dumps({"time": state.time, "step": state.step, "step_size": state.step_size})
-            text = np.frombuffer(json.dumps(description).encode(), np.uint8)
             data = file.create_dataset("description", text.shape, text.dtype)
             data[...] = text
     if p.comm.rank == 0:

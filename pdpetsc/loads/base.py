@@ -67,4 +67,3 @@ class Constraint(Load):
     def values(self, time: float) -> np.ndarray:
         """Prescribed value of each entry [length]."""
         raise NotImplementedError
-

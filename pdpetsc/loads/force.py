@@ -55,4 +55,3 @@ class Pressure(Load):
     def add(self, time, external):
         force = -self.site.values(time) * self.site.volume / self._width
         external[self.site.members] += force[:, None] * self._normal
-

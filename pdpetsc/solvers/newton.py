@@ -13,9 +13,7 @@ from pdpetsc.solvers.linear import choose_linear_solver
 ROUNDING_MARGIN = 10.0
 """A residual that no longer falls counts as converged below this many times its estimated rounding error."""
 
-_REASONS = {
-    value: name for name, value in vars(PETSc.SNES.ConvergedReason).items() if isinstance(value, int) and value
-}
+_REASONS = {value: name for name, value in vars(PETSc.SNES.ConvergedReason).items() if isinstance(value, int) and value}
 
 
 class StepFailed(Exception):

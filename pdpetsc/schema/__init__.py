@@ -1,0 +1,1 @@
+"""What a case file may hold, and how mistakes in it are put into words."""

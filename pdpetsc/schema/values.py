@@ -1,0 +1,151 @@
+"""What a value of a case file may be: types with validators, which find what they must agree on in a `Setting`."""
+
+import math
+import re
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo
+
+from pdpetsc.errors import InputError
+from pdpetsc.expressions import Expression, hint
+
+AXES = ("x", "y", "z")
+COORDINATES = ("X", "Y", "Z")
+FACES = ("left", "right", "bottom", "top", "back", "front")  # two for each direction, the lower one first
+RANKS = {"u": 1, "F": 2, "stress": 2, "strain": 2, "energy": 0, "reaction": 1, "force": 1}  # of the fields, as tensors
+
+
+class Setting(NamedTuple):
+    """What all tables of a case must agree on."""
+
+    dim: int
+    sets: tuple[str, ...]
+
+
+def setting_of(document: dict) -> Setting:
+    """Find dimension and sets in tables that may still be wrong anywhere."""
+    body, sets = document.get("body"), document.get("sets")
+    size = body.get("size") if isinstance(body, dict) else None
+    dim = len(size) if isinstance(size, list) and 1 <= len(size) <= 3 else 3
+    return Setting(dim, ("all", *sets) if isinstance(sets, dict) else ("all",))
+
+
+def formula(*more_names: str, condition: bool = False):
+    """Return the type of a number or expression in the reference coordinates and further variables."""
+
+    def parse(value: Any, info: ValidationInfo) -> Expression:
+        try:
+            expression = Expression(value, [*COORDINATES[: info.context.dim], *more_names])
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        if expression.is_condition and not condition:
+            raise ValueError(f"{value!r} is a condition where a number is needed, as in where(X < 0, 1, 2)")
+        if condition and not expression.is_condition:
+            raise ValueError(f"{value!r} is a number where a condition is needed, such as X < 0")
+        return expression
+
+    return Annotated[Expression, PlainValidator(parse)]
+
+
+def valid_name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", value):
+        raise ValueError("a name begins with a letter and holds letters, digits, _ and - only")
+    return value
+
+
+def new_set(value: str) -> str:
+    if value == "all":
+        raise ValueError("the set 'all' is always there and cannot be another")
+    return value
+
+
+def known_set(value: str, info: ValidationInfo) -> str:
+    if value not in info.context.sets:
+        choices = info.context.sets
+        raise ValueError(f"there is no set {value!r}{hint(value, choices)}; choices: {', '.join(choices)}")
+    return value
+
+
+def known_face(value: str, info: ValidationInfo) -> str:
+    choices = FACES[: 2 * info.context.dim]
+    if value not in choices:
+        raise ValueError(
+            f"there is no such face in {info.context.dim}D{hint(value, choices)}; choices: {', '.join(choices)}"
+        )
+    return value
+
+
+def _as_long_as_dimension(value: tuple, info: ValidationInfo) -> tuple:
+    if len(value) != info.context.dim:
+        raise ValueError(f"needs {info.context.dim} number(s), one for each entry of body.size, not {len(value)}")
+    return value
+
+
+def zeros_if_missing(value: Any, info: ValidationInfo) -> Any:
+    return (0.0,) * info.context.dim if value is None else value
+
+
+def _axes(value: Any, info: ValidationInfo) -> tuple[int, ...]:
+    """Turn "x", a list of axes or "all" into the indices of the axes."""
+    axes = list(AXES[: info.context.dim])
+    chosen = axes if value == "all" else [value] if isinstance(value, str) else value
+    if not isinstance(chosen, list) or not chosen or any(c not in axes or chosen.count(c) > 1 for c in chosen):
+        raise ValueError(f"must be one of {', '.join(axes)}, a list of them, or 'all', not {value!r}")
+    return tuple(axes.index(axis) for axis in chosen)
+
+
+def _is_finite(value: Any) -> bool:
+    return type(value) in (int, float) and -1e300 < value < 1e300  # an int of TOML may be beyond every float
+
+
+def unit_normal(value: Any, info: ValidationInfo) -> tuple[float, ...]:
+    """Turn "x", "-x" ... or a vector into a unit vector."""
+    axes = AXES[: info.context.dim]
+    if isinstance(value, str) and value.removeprefix("-") in axes:
+        sign = -1.0 if value.startswith("-") else 1.0
+        return tuple(sign if axis == value[-1] else 0.0 for axis in axes)
+    if not isinstance(value, list) or len(value) != len(axes) or not all(map(_is_finite, value)) or not any(value):
+        choices = f"{', '.join(axes)}, one of them with a minus, or {len(axes)} numbers that are not all zero"
+        raise ValueError(f"must be one of {choices}, not {value!r}")
+    return tuple(v / math.hypot(*value) for v in value)
+
+
+def option_value(value: Any) -> str | int | float | bool:
+    if not isinstance(value, str | int | float) or re.search(r'["\n]', str(value)):
+        raise ValueError("must be a number, true, false or text without quotes and line breaks")
+    return value
+
+
+def option_name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z_]\w*", value):
+        raise ValueError("a PETSc option is written here without its dash and with letters, digits and _ only")
+    return value
+
+
+class LayerWidth(NamedTuple):
+    """Thickness of a layer of fictitious particles."""
+
+    number: float
+    in_horizons: bool
+
+    def length(self, horizon: float) -> float:
+        """Return the thickness as a length."""
+        return self.number * horizon if self.in_horizons else self.number
+
+
+def layer_width(value: Any) -> LayerWidth:
+    found = re.fullmatch(r"(?:(\d+\.?\d*) )?horizons?", value) if isinstance(value, str) else None
+    width = LayerWidth(float(found[1] or 1), True) if found else LayerWidth(value, False)
+    if not _is_finite(width.number) or width.number <= 0:
+        raise ValueError(f"must be 'horizon', '2 horizon' or a positive length, not {value!r}")
+    return width
+
+
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+Name = Annotated[str, AfterValidator(valid_name)]
+SetName = Annotated[str, AfterValidator(known_set)]
+Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
+Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
+FieldName = Literal["u", "F", "stress", "strain", "energy", "reaction", "force"]
+Condition = formula("spacing", condition=True)
