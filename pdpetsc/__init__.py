@@ -1,3 +1,22 @@
 """pdpetsc: implicit peridynamics in parallel, on PETSc."""
 
+import hashlib
+import os
+from pathlib import Path
+
 __version__ = "0.1.0"
+
+
+def _use_cache_of_these_sources() -> None:
+    """Let numba keep compiled kernels under a name that depends on their sources.
+
+    numba looks at the file of a compiled function only, not at those of the functions that it calls: after an edit or
+    an update it would go on with stale code. Where the user has set NUMBA_CACHE_DIR, that holds.
+    """
+    sources = [path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py"))]
+    kernels = hashlib.sha256(b"".join(text for text in sources if b"numba" in text)).hexdigest()[:16]
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(home / "pdpetsc" / kernels))
+
+
+_use_cache_of_these_sources()

@@ -21,7 +21,7 @@ INFLUENCE = {
 
 
 def _linear_partial_volume(length, horizon, spacing):
-    """beta = (delta + r - |xi|) / 2r within r = dx/2 of the horizon, else 1 (seed 000 Eq. 81, which prints r = 2 dx)."""
+    """beta = (delta + r - |xi|) / 2r in [0, 1] with r = dx/2 (seed 000 Eq. 81, which prints r = 2 dx)."""
     return np.clip((horizon + spacing / 2 - length) / spacing, 0, 1)
 
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
-from pdpetsc.body.box import box
+from pdpetsc.body.box import box, coordinates
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import HORIZON_TOLERANCE, bond_weights, find_families
 from pdpetsc.case import Case
@@ -187,8 +187,7 @@ def _particles(comm: PETSc.Comm, case: Case) -> Particles:
 
     def horizon(position, spacing):
         values = body.horizon.factor or body.horizon.length
-        place = dict(zip("XYZ", position.T))
-        return np.broadcast_to(values(**place), len(position)) * (spacing if body.horizon.factor else 1.0)
+        return values(**coordinates(position, spacing)) * (spacing if body.horizon.factor else 1.0)
 
     return distribute(comm, box(mpi, body, body.keep, horizon))
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from mpi4py import MPI
@@ -241,7 +242,7 @@ def _with_ghosts(comm, points: Points) -> Particles:
         global_index=local(numbers),
         neighbours=neighbours,
         mirrors=mirrors,
-        ghost_ranges=[slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:])],
+        ghost_ranges=[slice(int(a), int(b)) for a, b in pairwise(ends)],
         exchange=exchange,
         **{name: local(getattr(points, name)) for name in ("id", "position", "volume", "spacing", "horizon")},
     )

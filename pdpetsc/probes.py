@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from pdpetsc.body.box import NAMES
+from pdpetsc.body.box import coordinates
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery, component
@@ -106,7 +106,7 @@ class Probe:
                 return _maximum(mpi, values)
         X = p.position[: p.owned][self._members]
         with collective(mpi):
-            exact = self._spec.exact(**dict(zip(NAMES, X.T)), t=time)
+            exact = self._spec.exact(**coordinates(X, p.spacing[: p.owned][self._members]), t=time)
         squares = mpi.allreduce(np.array([(volume * (values - exact) ** 2).sum(), (volume * exact**2).sum()]))
         return np.sqrt(squares[0] / squares[1]) if squares[1] > 0 else np.sqrt(squares[0])
 

@@ -13,7 +13,7 @@ NAMES = ("X", "Y", "Z")
 
 
 def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarray]:
-    """The variables of expressions of a place: X, Y, Z as far as the dimension goes, and the spacing."""
+    """The variables of expressions: X, Y, Z as far as the dimension goes, and the local spacing."""
     return dict(zip(NAMES, position.T)) | {"spacing": spacing}
 
 

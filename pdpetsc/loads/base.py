@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pdpetsc.body.box import NAMES
+from pdpetsc.body.box import coordinates
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Site:
         members: owned particles of the load's set.
         position: (members, dim).
         volume, spacing: (members,).
-        value: Expression of X, Y, Z, t.
+        value: Expression of X, Y, Z, spacing, t.
     """
 
     mpi: object
@@ -29,7 +29,7 @@ class Site:
 
     def values(self, time: float) -> np.ndarray:
         """The load's value at each member."""
-        return np.broadcast_to(self.value(**dict(zip(NAMES, self.position.T)), t=time), len(self.members))
+        return self.value(**coordinates(self.position, self.spacing), t=time)
 
     def total_volume(self) -> float:
         """Volume of the set on all ranks."""

@@ -13,7 +13,7 @@ from pdpetsc.errors import InputError
 from pdpetsc.materials import correspondence_kernels as kernels
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.materials.elasticity import elastic_law
-from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, DEFAULT_STRENGTH, Stabilisation, micromodulus
+from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, DEFAULT_STRENGTH, Stabilisation, control_modulus
 
 SMALLEST_SHAPE = 1e-6
 """Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
@@ -64,9 +64,7 @@ class Correspondence(Material):
         self._g = omega[:, None] * np.einsum("bpq,bq->bp", np.repeat(inverse, sizes, axis=0), xi)
         self._g_center = -np.add.reduceat(self._g, families.offsets[:-1], axis=0)
 
-        c = stabilisation.strength * micromodulus(
-            dim, law.lame, law.shear, neighbourhood.horizon[families.center], neighbourhood.thickness
-        )
+        c = stabilisation.strength * control_modulus(law.shear, shape)
         if stabilisation.kind == "none":
             c = np.zeros(len(families))
         self._spring = np.repeat(c, sizes) * omega

@@ -9,10 +9,14 @@ with a = 1 for `silling` and 0 for `spring`. Since sum_j w_j |eta_j - H xi_j|^2 
 first is the energy of the non-affine part z = y - F xi alone (seed 004 Eq. 5.12, 5.16; T_z = c w z because
 sum_j w_j z_j (x) xi_j = 0, Eq. 5.17), and affine fields stay free of it.
 
-    c_i = G C_delta, C_delta = 18 K/(pi delta^5) in 3D, 12 K'/(pi h delta^4) in 2D, 2 M/(A delta^3) in 1D
+    c_i = G mu / lambda_max(K_i)        [force/length^7; K_i: shape tensor, lambda_max: its largest eigenvalue]
 
-is the micromodulus of the bond-based solid over the horizon [force/length^7]; no omega_0 (seed 004 Eq. 5.12 has it,
-and with it G depends on the unit of length).
+so that the strength G is a number near 1 for every dimension, Poisson's ratio, influence function and horizon. Where K
+is isotropic, lambda_max = tr K / n, F softens a wave of number k by 1 - k^2 m_4/(3 m_2) and the control gives back
+G k^2 m_4/(4 m_2) mu/M, m_p = sum_j w_j xi_1^p: the moments cancel, G = 4/3 makes shear waves exact to fourth order, and
+G = 1 takes nearest neighbours to the classical difference stencil (docs/theory/stabilisation.md, which also says why 1
+is the default). Seed 004 (Eq. 5.12-5.14) has c_i = G 12 K'/(pi h delta^4 omega_0) instead: there the best G changes
+with horizon, Poisson's ratio and, by omega_0, with the unit of length.
 """
 
 from typing import NamedTuple
@@ -22,8 +26,8 @@ import numpy as np
 AFFINE_PART_REMOVED = {"none": 0.0, "spring": 0.0, "silling": 1.0}
 """a of the energy above. `spring` is seed 004 Eq. 3.41: not objective, no patch test, for comparison only."""
 
-DEFAULT_STRENGTH = {"none": 0.0, "spring": 0.1, "silling": 0.1}
-"""G where the case gives none."""
+DEFAULT_STRENGTH = {"none": 0.0, "spring": 0.1, "silling": 1.0}
+"""G where the case gives none; nothing here needs tuning (docs/theory/stabilisation.md)."""
 
 
 class Stabilisation(NamedTuple):
@@ -33,11 +37,6 @@ class Stabilisation(NamedTuple):
     strength: float
 
 
-def micromodulus(dim: int, lame: float, shear: float, horizon: np.ndarray, thickness: float) -> np.ndarray:
-    """C_delta of plane strain (2D), 3D and uniaxial strain (1D); see the module's equation [force/length^7]."""
-    bulk = lame + 2 * shear / dim  # n-dimensional; in 2D lambda + mu = E / (2 (1 + nu)(1 - 2 nu)) (seed 004 Eq. 5.14)
-    if dim == 1:
-        return 2 * bulk / (thickness * horizon**3)
-    if dim == 2:
-        return 12 * bulk / (np.pi * thickness * horizon**4)
-    return 18 * bulk / (np.pi * horizon**5)
+def control_modulus(shear: float, shape: np.ndarray) -> np.ndarray:
+    """c_i / G of families with these shape tensors (n, dim, dim); see the module's equation [force/length^7]."""
+    return shear / np.linalg.eigvalsh(shape)[:, -1]

@@ -31,11 +31,11 @@ def setting_of(document: dict) -> Setting:
 
 
 def formula(*more_names: str, condition: bool = False):
-    """Return the type of a number or expression in the reference coordinates and further variables."""
+    """Return the type of a number or expression in the reference coordinates, the spacing and further variables."""
 
     def parse(value: Any, info: ValidationInfo) -> Expression:
         try:
-            expression = Expression(value, [*COORDINATES[: info.context.dim], *more_names])
+            expression = Expression(value, [*COORDINATES[: info.context.dim], "spacing", *more_names])
         except InputError as error:
             raise ValueError(str(error)) from None
         if expression.is_condition and not condition:
@@ -148,4 +148,4 @@ SetName = Annotated[str, AfterValidator(known_set)]
 Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
 Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
 FieldName = Literal["u", "F", "stress", "strain", "energy", "reaction", "force"]
-Condition = formula("spacing", condition=True)
+Condition = formula(condition=True)

@@ -4,7 +4,7 @@ from petsc4py import PETSc
 
 from pdpetsc import options
 
-DIRECT_LIMIT = {1: 2_000_000, 2: 250_000, 3: 15_000}
+DIRECT_LIMIT = {1: 1_000_000, 2: 50_000, 3: 10_000}
 """Unknowns up to which a direct solver is the default, by dimension (docs/performance.md has the measurements)."""
 
 

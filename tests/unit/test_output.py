@@ -1,0 +1,86 @@
+"""Tables and pictures, from data made by hand."""
+
+import csv
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from pdpetsc.io import plot, tables
+from pdpetsc.io.plot import colour_values, plot_result
+from pdpetsc.schema.values import RANKS
+
+ROWS = [
+    {"step": 1, "time": 0.5, "residual_norms": [1.0, 1e-9], "rounding_floor": False, "probes": {"tip": 0.1, "line": [1, 2]}},
+    {"step": 2, "time": 1.0, "residual_norms": [2.0], "rounding_floor": True, "probes": {"tip": 1 / 3, "line": [3, 4]}},
+]  # fmt: skip
+
+
+def test_history_has_the_numbers_of_each_step(tmp_path):
+    tables.write_history(tmp_path / "history.csv", ROWS)
+    with (tmp_path / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["step", "time", "rounding_floor", "tip"]
+    assert [float(row["tip"]) for row in rows] == [0.1, 1 / 3]  # all digits
+
+
+def test_summary_is_written_whole(tmp_path):
+    path = tmp_path / "summary.json"
+    tables.write_summary(path, {"a": 1})
+    with pytest.raises(TypeError):
+        tables.write_summary(path, {"a": object()})
+    assert json.loads(path.read_text()) == {"a": 1}
+
+
+def test_a_result_is_known_by_its_case(tmp_path):
+    assert not tables.is_result(tmp_path)
+    assert not tables.is_result(tmp_path / "nowhere")
+    document = {"title": "ü", "body": {"size": [1.0, 2.0], "horizon": {"length": "0.1 + X"}}, "load": [{"value": 1e-30}]}
+    tables.write_case(tmp_path, document, "0.1.0, my.toml")
+    assert tables.is_result(tmp_path)
+    (tmp_path / "case.toml").write_bytes(b"\xff\xfe")
+    assert not tables.is_result(tmp_path)
+
+
+def test_colours_of_a_stress_are_von_mises():
+    uniaxial, shear, pressure = np.zeros((3, 3, 3))
+    uniaxial[0, 0] = -7.0
+    shear[0, 1] = shear[1, 0] = 2.0
+    pressure += 5 * np.eye(3)
+    stress = np.stack([uniaxial, shear, pressure]).reshape(3, 9)
+    assert colour_values("stress", stress) == pytest.approx([7.0, 2 * np.sqrt(3), 0.0], abs=1e-14)
+
+
+def test_colours_of_other_fields_are_magnitudes():
+    assert colour_values("u", np.array([[3.0, 4.0, 0.0]])) == pytest.approx([5.0])
+    assert colour_values("energy", np.array([-2.0])) == pytest.approx([-2.0])
+    assert colour_values("F", np.eye(3).reshape(1, 9) + 1.0) == pytest.approx([3.0])
+
+
+def test_every_field_has_a_label():
+    assert set(plot.LABELS) == set(RANKS)
+
+
+@pytest.mark.parametrize("field", sorted(RANKS))
+@pytest.mark.parametrize("dim", (1, 2, 3))
+def test_pictures(tmp_path, dim, field):
+    """Every field in every dimension, the undeformed body too, gives an image."""
+    if field != "u" and dim != 2:
+        pytest.skip("drawn alike")
+    n = 12
+    X = np.zeros((n, 3))
+    X[:, :dim] = np.random.default_rng(0).uniform(0, 1e-3, (n, dim))
+    with h5py.File(tmp_path / "fields.h5", "w") as file:
+        file["position"], file["volume"] = X, np.full(n, 1e-12)
+        group = file.create_group("00003")
+        group["u"] = np.zeros((n, 3)) if dim == 1 else 1e-5 * X
+        if field != "u":
+            group[field] = np.ones((n, 3 ** RANKS[field])[: 1 + bool(RANKS[field])])
+    summary = {
+        "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
+        "spacing": 1e-4, "steps": [{"time": 1.0}],
+    }  # fmt: skip
+    plot_result(tmp_path, summary, field)
+    picture = (tmp_path / "result.png").read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 5000
