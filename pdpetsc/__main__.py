@@ -2,15 +2,19 @@
 
 import sys
 
-INSTALL = "install it with 'apt-get install python3-petsc4py' on Debian or Ubuntu, or 'pip install petsc petsc4py'"
+INSTALL = (
+    "on Debian or Ubuntu 'scripts/setup' installs it from apt (python3-petsc4py), "
+    "elsewhere 'pip install petsc' and then 'pip install petsc4py' (docs/install.md)"
+)
 
 
 def main() -> int:
     """Run the command line and return its exit code."""
     try:
+        import mpi4py  # noqa: F401
         import petsc4py  # noqa: F401
-    except ImportError:
-        print(f"pdpetsc: error: petsc4py is missing; {INSTALL}", file=sys.stderr)
+    except ImportError as error:
+        print(f"pdpetsc: error: {error.name} is missing; {INSTALL}", file=sys.stderr)
         return 2
     from pdpetsc import case, cli, options
 

@@ -259,7 +259,6 @@ def restart(directory: Path, quiet: bool = False) -> int:
         kept = read_description(directory)
         rows = kept.pop("rows")
         case = Case.from_document(**kept)
-    options.add(case.petsc)
     run = Run(case, comm)
     run.state = read_state(directory, run.particles)
     run.assembler.set_time(run.state.time)

@@ -56,15 +56,30 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
     petsc4py.init(["pdpetsc", *arguments])
 
 
-def add(defaults: Mapping[str, str | int | float | bool]) -> None:
-    """Give PETSc options, after its start, that nobody has given yet."""
+_defaults: set[str] = set()  # names of the options that `set_defaults` has given
+
+
+def given() -> dict[str, str]:
+    """Return the options that the user has given, by file, environment or command line."""
+    from petsc4py import PETSc
+
+    known = PETSc.Options().getAll()  # unlike `hasName` this does not count as use
+    return {name: value for name, value in known.items() if name not in _defaults}
+
+
+def set_defaults(defaults: Mapping[str, str | int | float | bool]) -> None:
+    """Give PETSc options, after its start, that the user has not given; defaults of an earlier call are withdrawn."""
     from petsc4py import PETSc
 
     options = PETSc.Options()
-    known = options.getAll()  # unlike `hasName` this does not count as use
+    for name in _defaults:
+        options.delValue(name)
+    _defaults.clear()
+    known = given()
     for name, value in defaults.items():
         if name not in known:
             options.insertString(_as_text(name, value))
+            _defaults.add(name)
 
 
 def unused() -> list[str]:

@@ -103,12 +103,16 @@ def sample(dim: int, seed: int = 0) -> Sample:
     return body
 
 
-def deformation(X: np.ndarray, seed: int = 0, strain: float = 0.25, ripple: float = 0.05) -> np.ndarray:
-    """A strong displacement: turned by 40 degrees, stretched by up to a quarter, rippled; all F are valid."""
-    rng = np.random.default_rng([seed, X.shape[1], 7])
-    n = X.shape[1]
-    F = rotation(n, np.deg2rad(40)) @ (np.eye(n) + strain * rng.uniform(-1, 1, (n, n)))
-    return X @ (F - np.eye(n)).T + ripple * rng.uniform(-1, 1, X.shape)
+def strong_gradient(dim: int, seed: int = 0, strain: float = 0.25) -> np.ndarray:
+    """A displacement gradient: turned by 40 degrees and stretched by up to a quarter."""
+    rng = np.random.default_rng([seed, dim, 7])
+    return rotation(dim, np.deg2rad(40)) @ (np.eye(dim) + strain * rng.uniform(-1, 1, (dim, dim))) - np.eye(dim)
+
+
+def deformation(X: np.ndarray, seed: int = 0, ripple: float = 0.05) -> np.ndarray:
+    """A strong displacement: `strong_gradient`, rippled at random; all F are valid."""
+    rng = np.random.default_rng([seed, X.shape[1], 8])
+    return X @ strong_gradient(X.shape[1], seed).T + ripple * rng.uniform(-1, 1, X.shape)
 
 
 def rotation(dim: int, angle: float, seed: int = 0) -> np.ndarray:

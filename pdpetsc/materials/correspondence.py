@@ -64,7 +64,8 @@ class Correspondence(Material):
         self._g = omega[:, None] * np.einsum("bpq,bq->bp", np.repeat(inverse, sizes, axis=0), xi)
         self._g_center = -np.add.reduceat(self._g, families.offsets[:-1], axis=0)
 
-        c = stabilisation.strength * control_modulus(law.shear, shape)
+        softest = law.shear if dim > 1 else self.modulus
+        c = stabilisation.strength * control_modulus(softest, shape)
         if stabilisation.kind == "none":
             c = np.zeros(len(families))
         self._spring = np.repeat(c, sizes) * omega

@@ -9,14 +9,14 @@ with a = 1 for `silling` and 0 for `spring`. Since sum_j w_j |eta_j - H xi_j|^2 
 first is the energy of the non-affine part z = y - F xi alone (seed 004 Eq. 5.12, 5.16; T_z = c w z because
 sum_j w_j z_j (x) xi_j = 0, Eq. 5.17), and affine fields stay free of it.
 
-    c_i = G mu / lambda_max(K_i)        [force/length^7; K_i: shape tensor, lambda_max: its largest eigenvalue]
+    c_i = G mu / lambda_max(K_i)        [force/length^7; lambda_max: largest eigenvalue of the shape tensor K_i]
 
-so that the strength G is a number near 1 for every dimension, Poisson's ratio, influence function and horizon. Where K
-is isotropic, lambda_max = tr K / n, F softens a wave of number k by 1 - k^2 m_4/(3 m_2) and the control gives back
-G k^2 m_4/(4 m_2) mu/M, m_p = sum_j w_j xi_1^p: the moments cancel, G = 4/3 makes shear waves exact to fourth order, and
-G = 1 takes nearest neighbours to the classical difference stencil (docs/theory/stabilisation.md, which also says why 1
-is the default). Seed 004 (Eq. 5.12-5.14) has c_i = G 12 K'/(pi h delta^4 omega_0) instead: there the best G changes
-with horizon, Poisson's ratio and, by omega_0, with the unit of length.
+with the modulus mu of the softest wave (lambda + 2 mu in 1D, where there is no shear), so that one strength G serves
+every dimension, Poisson's ratio, influence function and horizon. In the bulk, with m_p = sum_j w_j xi_1^p, F softens a
+shear wave by 1 - k^2 m_4/(3 m_2) and the control gives back G k^2 m_4/(4 m_2): whatever the family, G = 4/3 is exact to
+fourth order, and G = 1 takes nearest neighbours to the classical difference stencil. docs/theory/stabilisation.md has
+the derivation and says why 1 is the default. (Seed 004 Eq. 5.12-5.14 has c_i = G 12 K'/(pi h delta^4 omega_0): there
+the best G changes with horizon, Poisson's ratio and, through omega_0, with the unit of length.)
 """
 
 from typing import NamedTuple
@@ -37,6 +37,6 @@ class Stabilisation(NamedTuple):
     strength: float
 
 
-def control_modulus(shear: float, shape: np.ndarray) -> np.ndarray:
-    """c_i / G of families with these shape tensors (n, dim, dim); see the module's equation [force/length^7]."""
-    return shear / np.linalg.eigvalsh(shape)[:, -1]
+def control_modulus(softest: float, shape: np.ndarray) -> np.ndarray:
+    """c_i / G of families with shape tensors (n, dim, dim), by the modulus of the softest wave [force/length^7]."""
+    return softest / np.linalg.eigvalsh(shape)[:, -1]

@@ -1,38 +1,42 @@
-"""Which linear solver fits a problem: defaults for PETSc's options database, which never override what is there."""
+"""Which linear solver fits a problem: defaults for PETSc's options database, where what the user gives wins."""
 
 from petsc4py import PETSc
 
 from pdpetsc import options
 
-DIRECT_LIMIT = {1: 1_000_000, 2: 50_000, 3: 10_000}
-"""Unknowns up to which a direct solver is the default, by dimension (docs/performance.md has the measurements)."""
+DIRECT_LIMIT = {1: 50e6, 2: 12e6, 3: 6e6}
+"""Stored entries of the tangent up to which a direct solver is the default, by dimension: about where a factorisation
+and multigrid take the same time (docs/performance.md)."""
 
 
-def choose_linear_solver(comm, unknowns: int, dim: int, symmetric: bool) -> None:
-    """Add defaults for -ksp_type, -pc_type and what belongs to them.
+def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | float]:
+    """Return defaults for -ksp_type, -pc_type and what belongs to them.
 
     Small problems are factorised: MUMPS where this PETSc has it, PETSc's own LU on one rank, a redundant LU on
     several. Larger ones take CG (GMRES where the tangent is unsymmetric) with algebraic multigrid on the rigid-body
     modes. When the user names a preconditioner, the Krylov method follows that choice.
     """
-    given = PETSc.Options().getAll()
+    given = options.given()
+    defaults: dict[str, str | float] = {}
     if "pc_type" not in given:
-        if unknowns > DIRECT_LIMIT[dim]:
-            given["pc_type"] = "gamg"
+        entries = tangent.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+        if entries > DIRECT_LIMIT[tangent.getBlockSize()]:
+            defaults["pc_type"] = "gamg"
         elif PETSc.Sys.hasExternalPackage("mumps"):
-            given |= {"pc_type": "cholesky" if symmetric else "lu", "pc_factor_mat_solver_type": "mumps"}
+            defaults |= {"pc_type": "cholesky" if symmetric else "lu", "pc_factor_mat_solver_type": "mumps"}
         else:
-            given["pc_type"] = "lu" if comm.size == 1 else "redundant"
-    options.add({key: given[key] for key in ("pc_type", "pc_factor_mat_solver_type") if key in given})
-    if given["pc_type"] in ("lu", "cholesky", "redundant"):
-        options.add({"ksp_type": "preonly"})
-        if given.get("pc_factor_mat_solver_type") == "mumps":
-            options.add({"mat_mumps_icntl_14": 50})  # room for fill-in by pivoting [%]
+            defaults["pc_type"] = "lu" if tangent.getComm().size == 1 else "redundant"
+    chosen = defaults | given
+    if chosen["pc_type"] in ("lu", "cholesky", "redundant"):
+        defaults["ksp_type"] = "preonly"
+        if chosen.get("pc_factor_mat_solver_type") == "mumps":
+            defaults["mat_mumps_icntl_14"] = 50  # room for fill-in by pivoting [%]
     else:
-        options.add({
-            "ksp_type": "cg" if symmetric else "gmres", "ksp_rtol": 1e-8, "ksp_norm_type": "unpreconditioned",
-            "ksp_max_it": 2000,
-        })  # fmt: skip
+        defaults |= {"ksp_type": "cg" if symmetric else "gmres", "ksp_rtol": 1e-8, "ksp_max_it": 2000}
+        defaults["ksp_norm_type"] = "unpreconditioned"
+        if chosen["pc_type"] == "gamg":
+            defaults["pc_gamg_reuse_interpolation"] = "true"  # the tangent changes little between iterations
+    return defaults
 
 
 def describe_linear_solver(ksp: PETSc.KSP) -> str:

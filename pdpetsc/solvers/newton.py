@@ -8,7 +8,12 @@ from petsc4py import PETSc
 
 from pdpetsc import options
 from pdpetsc.assembly import Assembler
-from pdpetsc.solvers.linear import choose_linear_solver
+from pdpetsc.solvers.linear import default_options, describe_linear_solver
+
+DEFAULTS = {
+    "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30, "snes_linesearch_type": "basic",
+}  # fmt: skip
+"""SNES options where the user gives none."""
 
 ROUNDING_MARGIN = 10.0
 """A residual that no longer falls counts as converged below this many times its estimated rounding error."""
@@ -53,14 +58,10 @@ class Newton:
 
     def __init__(self, assembler: Assembler):
         self._assembler = assembler
-        p = assembler.particles
-        options.add({
-            "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30, "snes_linesearch_type": "basic",
-        })  # fmt: skip
-        choose_linear_solver(p.comm, p.count * p.dim, p.dim, assembler.symmetric)
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
-        self.snes = snes = PETSc.SNES().create(p.comm)
+        self.snes = snes = PETSc.SNES().create(assembler.particles.comm)
         self._matrix = assembler.matrix()
+        options.set_defaults(DEFAULTS | default_options(self._matrix, assembler.symmetric))
         snes.setFunction(assembler.residual, assembler.vector())
         snes.setJacobian(assembler.tangent, self._matrix, self._matrix)
         snes.setConvergenceTest(self._converged)
@@ -139,7 +140,11 @@ class Newton:
     def _explain(self, reason: int) -> str:
         name = _REASONS.get(reason, str(reason))
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN:
-            return f"{name}: a deformation gradient is inverted"
+            return f"{name}: a deformation gradient is inverted (smaller steps, more stabilisation)"
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
-            return f"{name}: the linear solver gave up (KSP reason {self.snes.getKSP().getConvergedReason()})"
+            ksp = self.snes.getKSP()
+            return (
+                f"{name}: the linear solver gave up (KSP reason {ksp.getConvergedReason()} of "
+                f"{describe_linear_solver(ksp)}; -pc_type cholesky or lu is slower and surer)"
+            )
         return name

@@ -74,10 +74,12 @@ def march(
         except StepFailed as failure:
             size = (target - state.time) / 2
             if not schedule.adaptive or size < schedule.smallest:
+                remedy = (
+                    "a smaller [solver] min_step" if schedule.adaptive else "more [solver] steps or adaptive = true"
+                )
                 raise ConvergenceError(
-                    f"load step {state.step + 1} from t = {state.time:g} to {target:g} did not converge: {failure}; "
-                    + ("more [solver] steps, or adaptive = true, " if not schedule.adaptive else "a smaller min_step ")
-                    + "may help, as may a stronger stabilisation"
+                    f"load step {state.step + 1}, from t = {state.time:g} to {target:g}, did not converge: {failure}; "
+                    f"{remedy} may help"
                 ) from failure
             failed(state.time, target, str(failure))
             state.step_size = size

@@ -23,15 +23,15 @@ def cloud(kind: str, dim: int, n: int = 300):
     rng = np.random.default_rng(dim)
     size = n ** (1 / dim)
     X = rng.uniform(-size / 2, size / 2, (n, dim))
+    if kind == "clusters":
+        X[n // 2 :] += 1e5
     nearest = KDTree(X).query(X, 2)[0][:, 1]
     horizon = np.maximum(1.8, 1.1 * nearest)
     if kind == "graded":
         horizon *= rng.uniform(1, 4, n)
-    if kind == "clusters":
-        X[n // 2 :] += 1e5
     if kind == "flat":
-        X[:, -1] = 0.3 if dim > 1 else X[:, -1]
-        horizon = np.full(n, 2.0)
+        X[:, 1:] = 0.3
+        horizon = np.maximum(horizon, 2 * size)
     return X, horizon
 
 

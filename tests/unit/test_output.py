@@ -12,9 +12,9 @@ from pdpetsc.io.plot import colour_values, plot_result
 from pdpetsc.schema.values import RANKS
 
 ROWS = [
-    {"step": 1, "time": 0.5, "residual_norms": [1.0, 1e-9], "rounding_floor": False, "probes": {"tip": 0.1, "line": [1, 2]}},
-    {"step": 2, "time": 1.0, "residual_norms": [2.0], "rounding_floor": True, "probes": {"tip": 1 / 3, "line": [3, 4]}},
-]  # fmt: skip
+    {"step": 1, "time": 0.5, "norms": [1.0, 1e-9], "rounding_floor": False, "probes": {"tip": 0.1, "line": [1, 2]}},
+    {"step": 2, "time": 1.0, "norms": [2.0], "rounding_floor": True, "probes": {"tip": 1 / 3, "line": [3, 4]}},
+]
 
 
 def test_history_has_the_numbers_of_each_step(tmp_path):
@@ -36,7 +36,7 @@ def test_summary_is_written_whole(tmp_path):
 def test_a_result_is_known_by_its_case(tmp_path):
     assert not tables.is_result(tmp_path)
     assert not tables.is_result(tmp_path / "nowhere")
-    document = {"title": "ü", "body": {"size": [1.0, 2.0], "horizon": {"length": "0.1 + X"}}, "load": [{"value": 1e-30}]}
+    document = {"title": "ü", "body": {"size": [1.0, 2.0], "horizon": {"length": "0.1 + X"}}, "load": [{"value": 0.0}]}
     tables.write_case(tmp_path, document, "0.1.0, my.toml")
     assert tables.is_result(tmp_path)
     (tmp_path / "case.toml").write_bytes(b"\xff\xfe")
@@ -62,12 +62,9 @@ def test_every_field_has_a_label():
     assert set(plot.LABELS) == set(RANKS)
 
 
-@pytest.mark.parametrize("field", sorted(RANKS))
-@pytest.mark.parametrize("dim", (1, 2, 3))
+@pytest.mark.parametrize(("dim", "field"), [(1, "u"), (3, "u"), *((2, name) for name in sorted(RANKS))])
 def test_pictures(tmp_path, dim, field):
     """Every field in every dimension, the undeformed body too, gives an image."""
-    if field != "u" and dim != 2:
-        pytest.skip("drawn alike")
     n = 12
     X = np.zeros((n, 3))
     X[:, :dim] = np.random.default_rng(0).uniform(0, 1e-3, (n, dim))

@@ -1,0 +1,93 @@
+"""Bodies distributed over the ranks, from particles wherever a test wants them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from models import lattice
+from petsc4py import PETSc
+
+from pdpetsc.assembly import Assembler
+from pdpetsc.bonds import bond_weights, find_families
+from pdpetsc.expressions import Expression
+from pdpetsc.loads.base import Site
+from pdpetsc.loads.displacement import Displacement
+from pdpetsc.materials.base import Neighbourhood
+from pdpetsc.particles import Particles, Points, distribute
+from pdpetsc.timings import Timings
+
+
+def distributed(X: np.ndarray, horizon, volume=None, spacing=1.0, seed: int = 0) -> Particles:
+    """Particles from arrays that every rank has; each brings some of them, in any order."""
+    comm = PETSc.COMM_WORLD
+    n = len(X)
+    rng = np.random.default_rng(seed)
+    mine = rng.permutation(n)[rng.integers(0, comm.size, n) == comm.rank]
+    spacing = np.broadcast_to(np.asarray(spacing, float), n)
+    volume = spacing ** X.shape[1] if volume is None else volume
+    fields = {"position": X, "volume": volume, "spacing": spacing, "horizon": np.broadcast_to(horizon, n)}
+    return distribute(comm, Points(mine.astype(np.int64), **{k: np.array(v[mine], float) for k, v in fields.items()}))
+
+
+def jittered(counts, amount: float, spacing: float = 1.0, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng([seed, *counts])
+    return lattice(counts, spacing) + amount * spacing * rng.uniform(-1, 1, (np.prod(counts), len(counts)))
+
+
+def families_of(p: Particles):
+    return find_families(p.position, p.horizon, p.id, p.owned)
+
+
+def whole(comm, p: Particles, field: np.ndarray) -> np.ndarray:
+    """An owned field of all ranks, in the order of the ids, on every rank."""
+    ids = np.concatenate(comm.allgather(p.id[: p.owned]))
+    values = np.concatenate(comm.allgather(field[: p.owned]))
+    return values[np.argsort(ids)]
+
+
+def assembler(p: Particles, *rows, held=None, young: float = 1.0, influence: str = "constant", value=0.0) -> Assembler:
+    """Models of the table on the particles; with several, the families are dealt out to them by their ids.
+
+    Args:
+        held: function of the positions that gives the mask of the particles whose displacement is prescribed,
+            (n, dim) for single components.
+        value: what is prescribed: a number or an expression of X, Y, Z, t, or one for each component.
+    """
+    families = families_of(p)
+    kind = p.id[: p.owned] % len(rows)
+    materials = []
+    for number, row in enumerate(rows):
+        own = families.subset(np.flatnonzero(kind == number))
+        weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, "none")
+        materials.append(row.build(Neighbourhood.of(own, p.position, p.volume, p.horizon, p.spacing), weight, young))
+    loads = []
+    if held is not None:
+        X = p.position[: p.owned]
+        mask = np.broadcast_to(np.asarray(held(X)).reshape(p.owned, -1), (p.owned, p.dim))
+        values = value if isinstance(value, list | tuple) else [value] * p.dim
+        for k in range(p.dim):
+            members = np.flatnonzero(mask[:, k])
+            names = [*"XYZ"[: p.dim], "spacing", "t"]
+            site = Site(
+                p.comm.tompi4py(), members, X[members], p.volume[members], p.spacing[members],
+                Expression(values[k], names),
+            )  # fmt: skip
+            loads.append(Displacement(site, SimpleNamespace(component=(k,))))
+    result = Assembler(p, materials, loads, Timings())
+    result.set_time(1.0)
+    return result
+
+
+def rows_of(mat: PETSc.Mat) -> np.ndarray:
+    """The rows of this rank as a dense array."""
+    offsets, columns, values = mat.getValuesCSR()
+    rows = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+    dense = np.zeros((len(offsets) - 1, mat.getSize()[1]))
+    np.add.at(dense, (rows, columns), values)
+    return dense
+
+
+def affine(A) -> list[str]:
+    """Expressions of u = A X."""
+    return [" + ".join(f"({float(a)!r}) * {x}" for a, x in zip(row, "XYZ")) for row in np.atleast_2d(A)]
+
+

@@ -1,0 +1,502 @@
+"""Runs inside MPI, on 1, 2 and 3 ranks: bad input, load stepping, results, units, and one rank against several."""
+
+import copy
+import csv
+import json
+import sys
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+import tomli_w
+from petsc4py import PETSc
+
+from pdpetsc import case, cli
+from pdpetsc.io.tables import is_result
+
+pytestmark = pytest.mark.mpi
+
+CANTILEVER = {  # one row of families clamped, a force at the other end
+    "title": "A short cantilever",
+    "body": {"size": [12.0, 3.0], "spacing": 1.0, "horizon": 1.515, "layers": {"left": "horizon"}},
+    "sets": {"clamp": "X < 0", "end": "X > 11", "tip": {"nearest": [12.0, 1.5]}},
+    "material": {"rubber": {"model": "correspondence", "E": 1.0, "nu": 0.25}},
+    "load": [
+        {"kind": "displacement", "set": "clamp", "component": "all", "value": 0.0},
+        {"kind": "force", "set": "end", "component": "y", "value": "-2e-3 * t"},
+    ],
+    "solver": {"steps": 2},
+    "probe": [
+        {"name": "tip", "field": "u", "set": "tip", "reduce": "mean"},
+        {"name": "pull", "field": "reaction", "component": "y", "set": "clamp", "reduce": "sum"},
+        {"name": "axis", "field": "u", "component": "y", "line": [[0.5, 1.5], [11.5, 1.5], 5]},
+        {"name": "stress", "field": "stress", "at": [1.0, 1.5]},
+    ],
+}
+
+
+def changed(document: dict, *removed: str, **entries) -> dict:
+    """A copy with entries set or removed, named as by --set with __ for the dots: body__spacing=1.0."""
+    document = copy.deepcopy(document)
+    for key, value in [*((name, None) for name in removed), *entries.items()]:
+        *parents, last = (int(part) if part.isdigit() else part for part in key.split("__"))
+        inner = document
+        for part in parents:
+            inner = inner[part] if isinstance(inner, list) else inner.setdefault(part, {})
+        if key in removed:
+            del inner[last]
+        else:
+            inner[last] = value
+    return document
+
+
+@pytest.fixture(autouse=True)
+def options(monkeypatch):
+    """Put PETSc's options and the exception hook back afterwards."""
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    database = PETSc.Options()
+    before = database.getAll()
+    yield
+    for name in database.getAll():
+        if name not in before:
+            database.delValue(name)
+
+
+@pytest.fixture
+def run(comm, shared_tmp_path, capsys, monkeypatch):
+    """`run(document, *arguments, out=..., petsc={...})`: the command line in this process.
+
+    Gives exit code, directory, summary (None when there is none), and what this rank said.
+    """
+    monkeypatch.chdir(shared_tmp_path)
+
+    def run(document, *arguments, out="out", petsc=None):
+        word = document
+        if not isinstance(document, str):
+            word = "my.toml"
+            if comm.rank == 0:
+                (shared_tmp_path / word).write_text(tomli_w.dumps(document))
+        for name, value in (petsc or {}).items():
+            PETSc.Options()[name] = value
+        comm.Barrier()
+        capsys.readouterr()
+        code = cli.main([word, "--out", str(shared_tmp_path / out), *arguments])
+        said = capsys.readouterr()
+        assert set(comm.allgather(code)) == {code}
+        comm.Barrier()
+        directory = shared_tmp_path / out
+        path = directory / "summary.json"
+        summary = json.loads(path.read_text()) if path.exists() else None
+        return SimpleNamespace(code=code, out=directory, summary=summary, said=said.out, errors=said.err)
+
+    return run
+
+
+def fields(result, step):
+    with h5py.File(result.out / "fields.h5", "r") as file:
+        return {name: values[...] for name, values in file[f"{step:05d}"].items()}
+
+
+# Bad input
+
+
+BAD = {
+    "typo in a key": (changed(CANTILEVER, body__spaceing=1.0), "body.spaceing: unknown key (did you mean 'spacing'?)"),
+    "missing set": (changed(CANTILEVER, load__1__set="endd"), "load.1.set: there is no set 'endd'"),
+    "wrong type": (changed(CANTILEVER, body__spacing="1.0"), "body.spacing: must be a number"),
+    "no expression": (changed(CANTILEVER, load__1__value="2 *"), "load.1.value: '2 *' is not an expression"),
+    "horizon of no neighbours": (changed(CANTILEVER, body__horizon=0.9), "body.horizon: must be greater than 1"),
+    "short horizon in places": (
+        changed(CANTILEVER, body__horizon={"factor": "where(X > 11, 0.9, 1.515)"}),
+        "body.horizon: the particle at (11.5, 0.5) has no neighbour within its horizon of 0.9",
+    ),
+    "negative horizon in places": (
+        changed(CANTILEVER, body__horizon={"length": "where(X > 11, -3, 1.515)"}),
+        "body.horizon",
+    ),
+    "horizon of no number": (
+        changed(CANTILEVER, body__horizon={"length": "sqrt(10 - X)"}),
+        "body.horizon.length: 'sqrt(10 - X)' is nan at X = 10.5",
+    ),
+    "empty set": (changed(CANTILEVER, sets__end="X > 50"), "sets.end: no particle lies in this set"),
+    "empty set of a probe": (changed(CANTILEVER, sets__clamp="X < -50"), "sets.clamp: no particle lies in this set"),
+    "isolated particle": (
+        changed(CANTILEVER, body__keep="X < 9 or (X > 11 and abs(Y - 1.5) < 0.5)"),
+        "body.horizon: the particle at (11.5, 1.5) has no neighbour",
+    ),
+    "flat family": (
+        changed(CANTILEVER, body__keep="X < 6 or abs(Y - 1.5) < 0.5"),
+        "material.rubber: the family of the particle at (",
+    ),
+    "nothing kept": (changed(CANTILEVER, body__keep="X > 99"), "body.keep: no particle is left"),
+    "load of no number": (
+        changed(CANTILEVER, load__1__value="t * log(11.2 - X)"),
+        "load.1.value: 't * log(11.2 - X)' is nan at X = 11.5",
+    ),
+    "load of no number at the end": (changed(CANTILEVER, load__1__value="1 / (1 - t)"), "load.1.value"),
+    "probe outside": (changed(CANTILEVER, probe__3__at=[30.0, 1.5]), "probe 'stress' lies outside the body"),
+    "line that leaves the body": (
+        changed(CANTILEVER, probe__2__line=[[0.5, 1.5], [30.0, 1.5], 7]),
+        "probe 'axis' lies outside the body",
+    ),
+    "two materials in a place": (
+        changed(CANTILEVER, material__steel={"model": "correspondence", "E": 9.0, "nu": 0.2, "where": "end"}),
+        "material: 0 particles have no material and 3 have more than one",
+    ),
+    "no material in places": (
+        changed(CANTILEVER, material__rubber__where="end"),
+        "particles have no material and 0 have more than one",
+    ),
+    "size and spacing": (changed(CANTILEVER, body__size=[12.0, 3.4]), "body.size: [12.0, 3.4] is not a multiple"),
+    "unknown variant": ("my.toml:fine", "there is no variant 'fine'"),
+    "no such file": ("yours.toml", "yours.toml: there is no such file"),
+    "no such case": ("clamped_baem", "unknown word 'clamped_baem' (did you mean 'clamped_beam'?)"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(comm, run, name):
+    """Two, on all ranks; one sentence with its place on the first rank; nothing written."""
+    document, message = BAD[name]
+    if isinstance(document, str) and comm.rank == 0:
+        open("my.toml", "w").write(tomli_w.dumps(CANTILEVER))
+    result = run(document)
+    assert result.code == 2
+    assert not result.out.exists()
+    if comm.rank == 0:
+        (line,) = result.errors.splitlines()
+        assert line.startswith("pdpetsc: error: ")
+        assert message in line
+    else:
+        assert result.errors == result.said == ""
+
+
+def test_bad_input_leaves_an_earlier_result_alone(comm, run):
+    assert run(CANTILEVER).code == 0
+    before = (run(CANTILEVER).out / "history.csv").read_text()
+    result = run(changed(CANTILEVER, sets__end="X > 50"))
+    assert result.code == 2
+    assert (result.out / "history.csv").read_text() == before
+
+
+def test_load_without_a_value_in_the_middle(comm, run):
+    """Found only when its time comes: bad input all the same, said once, on all ranks."""
+    result = run(changed(CANTILEVER, load__1__value="-1e-3 * t / where(abs(t - 0.75) < 0.1, 0, 1)", solver__steps=4))
+    assert result.code == 2
+    if comm.rank == 0:
+        assert result.errors.count("load.1.value") == 1
+
+
+# Results
+
+
+def test_results(comm, run):
+    result = run(changed(CANTILEVER, solver__steps=5, output={"every": 2, "checkpoint": 3, "picture": "stress"}))
+    assert result.code == 0
+    s = result.summary
+    assert s["converged"] and s["status"] == "converged" and s["dim"] == 2 and s["ranks"] == comm.size
+    assert s["particles"] == 13 * 3
+    assert [step["step"] for step in s["steps"]] == [1, 2, 3, 4, 5]
+    with (result.out / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["time"]) for row in rows] == [step["time"] for step in s["steps"]]
+    assert [int(row["newton_iterations"]) for row in rows] == [step["newton_iterations"] for step in s["steps"]]
+    assert float(rows[-1]["pull"]) == s["probes"]["pull"]
+    with h5py.File(result.out / "fields.h5", "r") as file:
+        assert [name for name in file if name.isdigit()] == ["00002", "00004", "00005"]
+    with h5py.File(result.out / "checkpoint.h5", "r") as file:
+        assert json.loads(file.attrs["state"])["step"] == 5
+    assert (result.out / "result.png").read_bytes()[:4] == b"\x89PNG"
+    assert is_result(result.out)
+    assert s["probes"]["pull"] == pytest.approx(2e-3, rel=1e-9)
+    assert s["balance"]["force"] < 1e-13 and s["balance"]["moment"] < 1e-13
+    end = fields(result, 5)
+    assert end["force"].sum(axis=0) == pytest.approx([0, -2e-3, 0], rel=1e-14, abs=1e-17)
+    assert end["reaction"].sum(axis=0) == pytest.approx([0, 2e-3, 0], rel=1e-9, abs=1e-12)
+    assert np.abs(end["u"][:, 2]).max() == 0
+    tip = s["probes"]["tip"]
+    assert tip[1] < -0.3
+    assert np.abs(end["u"][:, :2] - tip).max(axis=1).min() == 0  # the probe is one of the particles
+    assert len(s["probes"]["axis"]) == 5 and np.shape(s["probes"]["stress"]) == (3, 3)
+
+
+def test_energy_is_the_work_of_the_load(run):
+    """Stored energy against the trapezoidal sum of force times displacement over many steps."""
+    probes = changed(CANTILEVER, "probe", solver__steps=20)
+    probes["probe"] = [{"name": "w", "field": "u", "component": "y", "set": "end", "reduce": "mean"}]
+    result = run(probes)
+    with (result.out / "history.csv").open() as file:
+        tip = [0.0, *(float(row["w"]) for row in csv.DictReader(file))]
+    force = -2e-3 * np.linspace(0, 1, 21)
+    work = np.sum(np.diff(tip) * (force[1:] + force[:-1]) / 2)
+    assert result.summary["energies"]["stored"] == pytest.approx(work, rel=2e-3)
+
+
+def test_an_earlier_result_is_replaced_whole(comm, run):
+    first = run(changed(CANTILEVER, solver__steps=3))
+    if comm.rank == 0:
+        (first.out / "notes.txt").write_text("of the earlier run")
+    comm.Barrier()
+    second = run(CANTILEVER)
+    assert second.code == 0
+    assert not (second.out / "notes.txt").exists()
+    assert len(second.summary["steps"]) == 2
+
+
+@pytest.mark.parametrize("kind", ("directory", "file"))
+def test_what_is_not_ours_is_not_replaced(comm, run, shared_tmp_path, kind):
+    foreign = shared_tmp_path / "out"
+    kept = foreign
+    if comm.rank == 0:
+        if kind == "directory":
+            foreign.mkdir()
+            kept = foreign / "thesis.tex"
+        kept.write_text("Abstract")
+    comm.Barrier()
+    result = run(CANTILEVER)
+    assert result.code == 2
+    if comm.rank == 0:
+        assert kept.read_text() == "Abstract"
+        assert "exists and is no result of pdpetsc" in result.errors
+
+
+def test_an_empty_directory_is_taken(comm, run, shared_tmp_path):
+    if comm.rank == 0:
+        (shared_tmp_path / "out").mkdir()
+    comm.Barrier()
+    assert run(CANTILEVER).code == 0
+
+
+@pytest.mark.parametrize(("equals", "code"), [(2e-3, 0), (2.1e-3, 4)])
+def test_expectations_decide_the_exit_code(comm, run, equals, code):
+    expect = [{"value": "probes.pull", "equals": equals, "rtol": 1e-6, "source": "equilibrium"}]
+    document = changed(CANTILEVER, expect=expect)
+    result = run(document)
+    assert result.code == code
+    assert result.summary["expect"][0]["met"] == (code == 0)
+    if comm.rank == 0:
+        assert ("MISSED: probes.pull" in result.said) == (code == 4)
+    assert run(document, "--set", "solver.steps=3").code == 0  # reported, but another case
+
+
+def test_quiet(comm, run):
+    result = run(CANTILEVER, "--quiet")
+    assert (result.code, result.said, result.errors) == (0, "", "")
+
+
+# Load steps
+
+
+CRUSHED = changed(  # pressed to less than half its length: too much for one step
+    CANTILEVER,
+    "probe",
+    sets__end="X > 11",
+    load__1={"kind": "displacement", "set": "end", "component": "x", "value": "-6.5 * t"},
+    solver={"steps": 1},
+)
+
+
+def test_adaptive_steps_come_to_the_end(comm, run):
+    """One step fails, half a step or a quarter goes; the end is that of many small steps."""
+    fine = run(changed(CRUSHED, solver={"steps": 32}), out="fine")
+    assert fine.code == 0
+    assert len(fine.summary["steps"]) == 32
+    result = run(CRUSHED)
+    assert result.code == 0
+    steps = result.summary["steps"]
+    assert 1 < len(steps) < 32
+    assert steps[-1]["time"] == 1.0
+    assert steps[0]["time"] in (0.5, 0.25, 0.125, 0.0625)
+    if comm.rank == 0:
+        assert result.said.count("cut in half") >= 1
+    a, b = fields(result, steps[-1]["step"])["u"], fields(fine, 32)["u"]
+    assert np.abs(a - b).max() < 1e-8 * np.abs(b).max()
+
+
+def test_fixed_steps_fail_with_the_reason(comm, run):
+    """Exit code 3 with SNES's reason, and results up to the last step that converged."""
+    result = run(changed(CRUSHED, solver={"steps": 1, "adaptive": False}))
+    assert result.code == 3
+    assert result.summary["status"] == "not_converged"
+    assert result.summary["steps"] == []
+    if comm.rank == 0:
+        (line,) = result.errors.splitlines()
+        assert "load step 1 from t = 0 to 1 did not converge: DIVERGED_" in line
+        assert "adaptive = true" in line
+
+
+def test_smallest_step(comm, run):
+    result = run(changed(CRUSHED, solver={"steps": 1, "min_step": 0.6}))
+    assert result.code == 3
+    if comm.rank == 0:
+        assert "a smaller min_step" in result.errors
+
+
+@pytest.mark.parametrize("rtol", (1e-16, 0.0))
+def test_rounding_floor(run, rtol):
+    """A tolerance that double precision cannot meet: the run ends, and says why."""
+    result = run(CANTILEVER, petsc={"snes_rtol": rtol, "snes_max_it": 50})
+    assert result.code == 0
+    for step in result.summary["steps"]:
+        assert step["rounding_floor"]
+        assert step["newton_iterations"] < 15
+        assert step["relative_residual"] < 1e-12
+
+
+def test_no_load_at_all(run):
+    """Nothing moves, and zero residuals relative to zero loads are no division by zero."""
+    result = run(changed(CANTILEVER, load__1__value=0.0))
+    assert result.code == 0
+    assert result.summary["probes"]["tip"] == [0.0, 0.0]
+    assert all(step["relative_residual"] == 0.0 for step in result.summary["steps"])
+
+
+def test_load_that_comes_late(run):
+    result = run(changed(CANTILEVER, load__1__value="where(t > 0.6, -2e-3, 0.0)", solver__steps=4))
+    assert result.code == 0
+
+
+def test_everything_prescribed(run):
+    """No unknown is left: the affine field, at once."""
+    loads = [
+        {"kind": "displacement", "set": "all", "component": "x", "value": "0.1 * t * X + 0.05 * t * Y"},
+        {"kind": "displacement", "set": "all", "component": "y", "value": "-0.02 * t * Y"},
+    ]
+    result = run(changed(CANTILEVER, load=loads))
+    assert result.code == 0
+    F = fields(result, 2)["F"].reshape(-1, 3, 3)
+    assert np.abs(F - [[1.1, 0.05, 0], [0, 0.98, 0], [0, 0, 1]]).max() < 1e-14
+
+
+def test_floating_body(comm, run):
+    """No support at all: a singular tangent is an answer (exit code 3) or a mistake (2), never a wrong result."""
+    result = run(changed(CANTILEVER, load=[CANTILEVER["load"][1]], solver__steps=1))
+    if result.code == 0:
+        assert result.summary["balance"]["force"] < 1e-9
+    assert result.code in (2, 3)
+
+
+def test_later_loads_hold_where_sets_overlap(run):
+    loads = [*CANTILEVER["load"], {"kind": "displacement", "set": "clamp", "component": "y", "value": "0.5 * t"}]
+    result = run(changed(CANTILEVER, load=loads))
+    assert result.code == 0
+    end = fields(result, 2)
+    assert (end["u"][:, 1] == 0.5).sum() == 3
+
+
+# Solvers
+
+
+@pytest.mark.parametrize(
+    "petsc",
+    [
+        {"ksp_type": "cg", "pc_type": "gamg", "ksp_rtol": 1e-13},
+        {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_rtol": 1e-13, "ksp_max_it": 5000},
+        {"snes_linesearch_type": "bt"},
+        {"snes_type": "newtontr"},
+    ],
+    ids=lambda petsc: " ".join(f"{value}" for value in petsc.values()),
+)
+def test_solvers_agree(run, petsc):
+    expected = run(CANTILEVER, out="direct")
+    result = run(CANTILEVER, petsc={"snes_rtol": 1e-12} | petsc)
+    assert result.code == 0
+    a, b = fields(result, 2), fields(expected, 2)
+    for name in ("u", "stress", "F"):
+        assert np.abs(a[name] - b[name]).max() < 1e-8 * np.abs(b[name]).max()
+
+
+# Units
+
+
+def test_units_do_not_matter(run):
+    """The same beam in metres and newtons, and in millimetres and newtons (megapascals): equal to 1e-10."""
+    steel = changed(CANTILEVER, material__rubber__E=2e9, load__1__value="-4e6 * t", body__thickness=1.0)
+    metres = run(steel, out="m")
+    sizes = {"size": [12e3, 3e3], "spacing": 1e3, "thickness": 1e3}
+    sets = {"clamp": "X < 0", "end": "X > 11e3", "tip": {"nearest": [12e3, 1.5e3]}}
+    probes = copy.deepcopy(steel["probe"])
+    probes[2]["line"] = [[0.5e3, 1.5e3], [11.5e3, 1.5e3], 5]
+    probes[3]["at"] = [1e3, 1.5e3]
+    other = changed(steel, material__rubber__E=2e3, sets=sets, probe=probes, body=steel["body"] | sizes)
+    millimetres = run(other, out="mm")
+    assert metres.code == millimetres.code == 0
+    a, b = fields(metres, 2), fields(millimetres, 2)
+    factors = {"u": 1e3, "stress": 1e-6, "F": 1, "strain": 1, "energy": 1e-6, "force": 1, "reaction": 1}
+    for name, factor in factors.items():
+        assert np.abs(b[name] - factor * a[name]).max() < 1e-10 * np.abs(b[name]).max(), name
+    one, two = metres.summary, millimetres.summary
+    assert [s["newton_iterations"] for s in one["steps"]] == [s["newton_iterations"] for s in two["steps"]]
+    assert two["energies"]["stored"] == pytest.approx(1e3 * one["energies"]["stored"], rel=1e-10)
+    assert two["probes"]["pull"] == pytest.approx(one["probes"]["pull"], rel=1e-10)
+
+
+# One rank and several
+
+
+PRISM = {
+    "body": {"size": [6.0, 2.0, 2.0], "spacing": 1.0, "horizon": 1.515, "layers": {"left": "horizon"}},
+    "sets": {"clamp": "X < 0", "end": "X > 5", "top": "Z > 1", "right": "X > 3", "left": "X < 3"},
+    "material": {
+        "rubber": {"model": "correspondence", "E": 1.0, "nu": 0.3, "elasticity": "neo_hookean", "where": "left"},
+        "steel": {"model": "correspondence", "E": 5.0, "nu": 0.2, "where": "right", "influence": "linear"},
+    },
+    "load": [
+        {"kind": "displacement", "set": "clamp", "component": "all", "value": 0.0},
+        {"kind": "body_force", "set": "all", "component": ["y", "z"], "value": "1e-4 * t * X"},
+        {"kind": "pressure", "set": "top", "normal": "z", "value": "1e-3 * t"},
+    ],
+    "solver": {"steps": 2},
+}
+ROD = {
+    "body": {"size": [20.0], "spacing": 1.0, "horizon": 2.015, "thickness": 0.5},
+    "sets": {"clamp": "X < 2", "end": "X > 18"},
+    "material": {"rubber": {"model": "correspondence", "E": 1.0, "nu": 0.3}},
+    "load": [
+        {"kind": "displacement", "set": "clamp", "component": "x", "value": 0.0},
+        {"kind": "force", "set": "end", "component": "x", "value": "0.1 * t"},
+    ],
+    "solver": {"steps": 2},
+}
+BODIES = {
+    "cantilever": CANTILEVER,
+    "large horizon": changed(CANTILEVER, body__horizon=3.015),
+    "variable horizon": changed(CANTILEVER, body__horizon={"factor": "where(X < 6, 3.015, 1.515)"}),
+    "hole": changed(CANTILEVER, body__keep="hypot(X - 6, Y - 1.5) > 0.8", body__size=[12.0, 6.0]),
+    "spring": changed(CANTILEVER, material__rubber__stabilisation={"kind": "spring", "strength": 0.05}),
+    "partial volumes": changed(CANTILEVER, material__rubber__partial_volume="linear", body__horizon=2.5),
+    "prism": PRISM,
+    "rod": ROD,
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_one_rank_and_several(comm, name):
+    """The same case on all ranks together and on each rank alone: u, stress and reactions to 1e-10."""
+    from pdpetsc.driver import Run
+
+    document = BODIES[name]
+    whole, alone = (
+        Run(case.Case.from_document(document, name, None, "my.toml", False), c)
+        for c in (PETSc.COMM_WORLD, PETSc.COMM_SELF)
+    )
+    for each in (whole, alone):
+        assert each.solve() == ""
+    ids = whole.particles.id[: whole.particles.owned]
+    for field in ("u", "F", "stress", "reaction", "energy", "force"):
+        expected = alone.recovery.field(field)
+        difference = np.abs(whole.recovery.field(field) - expected[ids]).max(initial=0)
+        assert difference <= 1e-10 * np.abs(expected).max(), field
+    assert whole.summary("converged")["bonds"] == alone.families.bonds
+    assert whole.recovery.total_energy() == pytest.approx(alone.recovery.total_energy(), rel=1e-10)
+    for key, value in whole.recovery.balance().items():
+        assert value < 1e-12 or (key == "moment" and name == "spring")  # spring loses angular momentum
+
+
+def test_rod_is_exact(run):
+    """1D: the stress inside is force over area, P = sigma in uniaxial strain."""
+    result = run(ROD)
+    assert result.code == 0
+    stress = fields(result, 2)["stress"][:, 0]
+    assert stress[6:14] == pytest.approx(0.2, rel=0.03)

@@ -1,0 +1,89 @@
+"""The patch test: affine displacements prescribed on layers two horizons wide around a body.
+
+On a uniform lattice the affine field is the solution. On a jittered one F is still exact for it, but it is no longer in
+equilibrium, since no two families are alike (FORMULATION, "What is exact and what is not").
+"""
+
+import numpy as np
+import pytest
+from bodies import affine, assembler, distributed, jittered
+from models import lattice, model, strong_gradient
+from petsc4py import PETSc
+
+from pdpetsc.solvers.newton import Newton
+
+pytestmark = pytest.mark.mpi
+
+
+@pytest.fixture(autouse=True)
+def options():
+    """Tight tolerances, and PETSc's options as they were before."""
+    database = PETSc.Options()
+    before = database.getAll()
+    database["snes_rtol"] = 1e-14
+    yield
+    for name in database.getAll():
+        if name not in before:
+            database.delValue(name)
+
+
+def patch(counts, factor: float, row, gradient, spacing: float = 1.0, amount: float = 0.0, seed: int = 0):
+    """Particles and assembler of counts cells in the middle, with layers around them that follow the gradient."""
+    rows = int(2 * factor + 1e-6)
+    dim = len(counts)
+    outer = tuple(n + 2 * rows for n in counts)
+    X = jittered(outer, amount, spacing, seed) if amount else lattice(outer, spacing)
+    index = lattice(outer)  # cell centers, where the particles would be without jitter
+    inside = np.all((index > rows) & (index < np.array(counts) + rows), axis=1)
+    p = distributed(X, factor * spacing, np.full(len(X), spacing**dim), spacing)
+    held = ~inside[p.id[: p.owned]]
+    a = assembler(p, row, held=lambda X: held, value=affine(gradient))
+    return p, a, ~held
+
+
+def deviation(comm, p, a, u, gradient, size):
+    """Largest and root-mean-square |u - A X| of the free particles over the largest |A X|."""
+    exact = p.position[: p.owned] @ gradient.T
+    free = ~a.constrained.any(axis=1)
+    error = np.linalg.norm((u - exact)[free], axis=1)
+    largest = max(comm.allgather(float(np.linalg.norm(exact, axis=1).max(initial=0))))
+    count = comm.allreduce(int(free.sum()))
+    return (
+        max(comm.allgather(float(error.max(initial=0)))) / (size or largest),
+        np.sqrt(comm.allreduce(float((error**2).sum())) / count) / (size or largest),
+    )
+
+
+CASES = [
+    pytest.param(counts, factor, f"{law}-{control}", id=f"{len(counts)}D, {factor} dx, {law}, {control}")
+    for counts, factor in (((9,), 2.015), ((8, 7), 1.015), ((6, 5), 2.015), ((5, 4), 3.015), ((3, 2, 3), 1.5))
+    for control in ("none", "silling")
+    for law in (("hencky", "saint_venant_kirchhoff", "neo_hookean") if factor == 2.015 else ("hencky",))
+]
+
+
+@pytest.mark.parametrize(("counts", "factor", "name"), CASES)
+def test_affine_fields_on_a_uniform_lattice(comm, counts, factor, name):
+    """From a rippled start, stretched by up to a quarter and turned by 40 degrees: u and F are exact."""
+    gradient = strong_gradient(len(counts))
+    p, a, free = patch(counts, factor, model(name), gradient)
+    ripple = 0.02 * np.random.default_rng(1).uniform(-1, 1, (p.count, p.dim))[p.id[: p.owned]]
+    start = p.position[: p.owned] @ gradient.T + np.where(a.constrained, 0.0, ripple)
+    u, record = Newton(a).advance(start, 1.0)
+    assert deviation(comm, p, a, u, gradient, None)[0] < 1e-12
+    assert len(record.residual_norms) > 2, "the start was the solution"
+    local = a.localise(u)
+    (material,) = a.materials
+    H = material.displacement_gradient(local)[:, : p.dim, : p.dim]
+    assert max(comm.allgather(float(np.abs(H - gradient)[free].max(initial=0)))) < 1e-12
+
+
+@pytest.mark.parametrize("control", ("none", "silling"))
+@pytest.mark.parametrize("dim", (2, 3))
+def test_gradients_on_a_jittered_lattice(comm, dim, control):
+    gradient = strong_gradient(dim)
+    p, a, _ = patch((5, 4, 3)[:dim], {2: 2.015, 3: 1.5}[dim], model(f"hencky-{control}"), gradient, amount=0.2)
+    u = p.position[: p.owned] @ gradient.T
+    (material,) = a.materials
+    H = material.displacement_gradient(a.localise(u))[:, :dim, :dim]
+    assert max(comm.allgather(float(np.abs(H - gradient).max(initial=0)))) < 1e-12

@@ -1,0 +1,241 @@
+"""The assembled tangent: pattern and values against the action and against differences of the residual."""
+
+import re
+from ctypes import CDLL
+
+import numpy as np
+import pytest
+from bodies import affine, assembler, distributed, jittered, rows_of, whole
+from models import MODELS, NAMES, Sample, deformation, force, lattice, model, strong_gradient
+from petsc4py import PETSc
+
+pytestmark = pytest.mark.mpi
+
+every_model = pytest.mark.parametrize("row", MODELS, ids=NAMES)
+
+
+def body(dim: int, counts=None):
+    """Random points, horizons and volumes."""
+    X = jittered(counts or {1: (13,), 2: (6, 5), 3: (4, 3, 3)}[dim], 0.15)
+    rng = np.random.default_rng(dim)
+    return distributed(X, rng.uniform(1.6, 2.6, len(X)), rng.uniform(0.5, 1.5, len(X)))
+
+
+def deformed(p):
+    """The same strong deformation on any number of ranks."""
+    X = p.position[: p.owned]
+    return X @ strong_gradient(p.dim).T + 0.05 * random_field(p, seed=9)
+
+
+def random_field(p, seed=3):
+    return np.random.default_rng(seed).uniform(-1, 1, (p.count, p.dim))[p.id[: p.owned]]
+
+
+def held(X):
+    """One end entirely, and single components inside, on the ranks' borders too."""
+    mask = np.zeros(X.shape, bool)
+    mask[X[:, 0] < 1.2] = True
+    mask[:, 0] |= np.sin(37 * X).sum(axis=1) > 0.9
+    return mask
+
+
+def product(mat, values):
+    x, y = mat.createVecs()
+    x.getArray()[...] = values.ravel()
+    mat.mult(x, y)
+    return y.getArray(readonly=True).reshape(values.shape).copy()
+
+
+def largest(comm, values):
+    return max(comm.allgather(float(np.abs(values).max(initial=0.0))))
+
+
+@pytest.mark.parametrize("counts", [(13,), (40,), (6, 5), (17, 4), (1, 2), (4, 3, 3), (8, 2, 2)], ids=str)
+def test_matrix_is_the_action(comm, counts):
+    dim = len(counts)
+    p = body(dim, counts) if np.prod(counts) > 2 else distributed(jittered((3, 2), 0.1), 2.5)
+    a = assembler(p, model("hencky-silling"))
+    u, v = deformed(p), random_field(p)
+    mat = a.assemble(u)
+    assert mat.getSize() == (p.count * p.dim,) * 2
+    assert mat.getBlockSize() == p.dim
+    Kv = a.action(v)
+    assert largest(comm, product(mat, v) - Kv) < 1e-13 * largest(comm, Kv)
+    # A second filling at another state replaces the values.
+    a.assemble(0.5 * u)
+    Kv = a.action(v)
+    assert largest(comm, product(mat, v) - Kv) < 1e-13 * largest(comm, Kv)
+
+
+@pytest.mark.parametrize("dim", (1, 2, 3))
+def test_two_materials(comm, dim):
+    """Each particle's family uses its own material; the pattern is the union, the matrix the sum."""
+    p = body(dim)
+    a = assembler(p, model("hencky-silling"), model("neo_hookean-none"), model("saint_venant_kirchhoff-spring"))
+    u, v = deformed(p), random_field(p)
+    mat = a.assemble(u)
+    Kv = a.action(v)
+    assert largest(comm, product(mat, v) - Kv) < 1e-13 * largest(comm, Kv)
+    J = np.concatenate(comm.allgather(rows_of(mat)))
+    assert np.abs(J - J.T).max() < 1e-14 * np.abs(J).max()
+
+
+@pytest.mark.parametrize("dim", (1, 2, 3))
+def test_constrained_rows_and_columns(comm, dim):
+    p = body(dim)
+    a = assembler(p, model("hencky-silling"), held=held)
+    u, v = deformed(p), random_field(p)
+    mat = a.assemble(u)  # the displacement as it is: constrained entries are overwritten by SNES's callback only
+    J = rows_of(mat)
+    fixed = a.constrained
+    every_fixed = np.concatenate(comm.allgather(fixed.ravel()))
+    assert 0 < every_fixed.sum() < every_fixed.size
+    start = mat.getOwnershipRange()[0]
+    unit = np.zeros_like(J)
+    rows = np.flatnonzero(fixed.ravel())
+    unit[rows, start + rows] = a.constraint_scale
+    assert np.array_equal(J[rows], unit[rows])
+    assert np.array_equal(J[:, every_fixed], unit[:, every_fixed])
+    free = np.where(fixed, 0.0, v)
+    Kv = np.where(fixed, 0.0, a.action(free))
+    assert largest(comm, product(mat, free) - Kv) < 1e-13 * largest(comm, Kv)
+    whole_matrix = np.concatenate(comm.allgather(J))
+    assert np.abs(whole_matrix - whole_matrix.T).max() < 1e-14 * np.abs(whole_matrix).max()
+    diagonal = np.diag(whole_matrix)[~every_fixed]
+    assert diagonal.min() / 30 < a.constraint_scale < 30 * diagonal.max()  # of the size of its neighbours
+
+
+def test_everything_constrained(comm):
+    p = body(2)
+    a = assembler(p, model("hencky-none"), held=lambda X: np.ones(X.shape, bool), value=0.1)
+    u = random_field(p)
+    J, r = a.assemble(u), a.residual_array(u)
+    assert np.array_equal(r, a.constraint_scale * (u - 0.1))
+    assert largest(comm, product(J, u) - a.constraint_scale * u) < 1e-14
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+@every_model
+def test_tangent_is_derivative_of_residual(comm, row, dim):
+    """Column by column, by central differences, strongly deformed, spacing 1 and E = 1; asked for: 1e-7."""
+    p = body(dim, {2: (5, 4), 3: (3, 3, 2)}[dim])
+    a = assembler(p, row, held=lambda X: X < 0.8, value=affine(strong_gradient(dim)))  # single components
+    u = np.where(a.constrained, a.prescribed, deformed(p))
+    J = rows_of(a.assemble(u))
+    differences = np.empty_like(J)
+    h = 1e-5
+    n = p.count * p.dim
+    mine = np.arange(n).reshape(-1, p.dim)[p.global_index[: p.owned]]
+    for column in range(n):
+        d = h * (mine == column)
+        differences[:, column] = ((a.residual_array(u + d) - a.residual_array(u - d)) / (2 * h)).ravel()
+    error, size = comm.allreduce(np.array([((J - differences) ** 2).sum(), (J**2).sum()]))
+    assert np.sqrt(error / size) < 1e-8
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+@every_model
+def test_snes_test_jacobian(comm, row, dim, capfd):
+    """The ratio that PETSc itself prints."""
+    p = body(dim, {2: (5, 4), 3: (3, 3, 2)}[dim])
+    a = assembler(p, row, held=lambda X: X < 0.8, value=affine(strong_gradient(dim)))
+    snes = PETSc.SNES().create(PETSc.COMM_WORLD)
+    snes.setOptionsPrefix("checked_")
+    mat = a.matrix()
+    snes.setFunction(a.residual, a.vector())
+    snes.setJacobian(a.tangent, mat, mat)
+    snes.setTolerances(max_it=1)
+    snes.getKSP().setType("preonly")
+    snes.getKSP().getPC().setType("none")
+    x = a.vector()
+    x.getArray()[...] = np.where(a.constrained, a.prescribed, deformed(p)).ravel()
+    PETSc.Options()["checked_snes_test_jacobian"] = None
+    try:
+        snes.solve(None, x)
+    finally:
+        PETSc.Options().delValue("checked_snes_test_jacobian")
+    CDLL(None).fflush(None)
+    said = comm.bcast(capfd.readouterr().out)
+    (ratio,) = re.findall(r"\|\|J - Jfd\|\|_F/\|\|J\|\|_F = ([-+.\de]+)", said)
+    assert float(ratio) < 1e-7
+
+
+@pytest.mark.parametrize("dim", (1, 2, 3))
+def test_rigid_body_modes(comm, dim):
+    """Of an unconstrained body: orthonormal, and its stiffness does not feel them."""
+    p = body(dim)
+    a = assembler(p, model("hencky-silling"))
+    mat = a.assemble(np.zeros((p.owned, dim)))
+    modes = mat.getNearNullSpace().getVecs()
+    assert len(modes) == dim * (dim + 1) // 2
+    inner = np.array([[v.dot(w) for v in modes] for w in modes])
+    assert np.allclose(inner, np.eye(len(modes)), atol=1e-14)
+    y = a.vector()
+    for mode in modes:
+        mat.mult(mode, y)
+        assert y.norm() < 1e-13 * mat.norm()
+
+
+def test_modes_vanish_where_entries_are_constrained(comm):
+    p = body(2)
+    a = assembler(p, model("hencky-silling"), held=held)
+    for mode in a.matrix().getNearNullSpace().getVecs():
+        assert not mode.getArray(readonly=True).reshape(-1, 2)[a.constrained].any()
+        assert mode.norm() == pytest.approx(1)
+
+
+def test_modes_of_a_body_that_cannot_turn(comm):
+    """Where constraints leave fewer motions than rigid ones, no mode is zero or a copy."""
+    p = distributed(lattice((6, 2)), 2.015)
+    a = assembler(p, model("hencky-silling"), held=lambda X: np.stack([X[:, 0] > 0, X[:, 1] > 0], axis=1))
+    assert len(a.matrix().getNearNullSpace().getVecs()) == 0
+    a = assembler(p, model("hencky-silling"), held=lambda X: np.stack([X[:, 0] > -1, X[:, 0] > 1], axis=1))
+    vectors = a.matrix().getNearNullSpace().getVecs()
+    assert [v.norm() for v in vectors] == pytest.approx([1.0] * len(vectors))
+
+
+def test_residual_is_pure(comm):
+    """Line searches call it at trial points: what was asked before does not matter."""
+    p = body(2)
+    a = assembler(p, model("hencky-silling"), held=held, value=affine(strong_gradient(2)))
+    u = deformed(p)
+    r = a.residual_array(u)
+    a.residual_array(random_field(p))
+    a.assemble(0.3 * u)
+    assert np.array_equal(a.residual_array(u), r)
+    assert np.isfinite(r).all()
+    assert not a.external.any()
+
+
+@pytest.mark.parametrize("row", [model("hencky-silling"), model("neo_hookean-none")], ids=lambda row: row.name)
+def test_forces_do_not_depend_on_the_ranks(comm, row):
+    """Against the same model on one process, every particle there."""
+    X = jittered((8, 7), 0.15)
+    rng = np.random.default_rng(5)
+    horizon, volume = rng.uniform(1.6, 3.1, len(X)), rng.uniform(0.5, 1.5, len(X))
+    p = distributed(X, horizon, volume)
+    u = deformation(X)
+    alone = Sample(X, volume, horizon, np.ones(len(X)), np.empty(0))
+    alone.weight = np.ones(alone.families().bonds)
+    expected = force(alone.material(row), u)
+    a = assembler(p, row)
+    found = whole(comm, p, a.internal_force(u[p.id[: p.owned]]))
+    assert np.abs(found - expected).max() < 1e-14 * np.abs(expected).max()
+    floor = a.rounding_floor(u[p.id[: p.owned]])
+    assert 1e-17 < floor / np.linalg.norm(expected) < 1e-14
+
+
+def test_nan_reaches_all_ranks(comm):
+    """One inverted family: the norm is not a number on every rank, so that SNES gives up everywhere."""
+    p = body(2)
+    a = assembler(p, model("hencky-none"))
+    center = whole(comm, p, p.position)[14]
+    from_center = p.position[: p.owned] - center
+    u = np.zeros((p.owned, 2))
+    near = np.linalg.norm(from_center, axis=1) < 1.6
+    u[near, 0] = -2 * from_center[near, 0]
+    assert 0 < comm.allreduce(int(near.sum())) < p.count / 2
+    x, r = a.vector(), a.vector()
+    x.getArray()[...] = u.ravel()
+    a.residual(None, x, r)
+    assert np.isnan(r.norm())
