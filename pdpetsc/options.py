@@ -94,7 +94,7 @@ def unused() -> list[str]:
         return []
     found = {names[i].decode() for i in range(count.value)}
     library.PetscOptionsLeftRestore(*left)
-    return sorted(found - _USED_AT_THE_END)
+    return sorted(found - _USED_AT_THE_END - _defaults)
 
 
 def _as_text(name: str, value: str | int | float | bool) -> str:

@@ -29,25 +29,32 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
 
     with h5py.File(directory / HDF5, "r") as file:
         last = file[max(name for name in file if name.isdigit())]
-        position, volume = file["position"][...], file["volume"][...]
+        position = file["position"][...]
         u, values = last["u"][...], colour_values(field, last[field][...])
+        F = last["F"][...].reshape(-1, 3, 3)
     dim = summary["dim"]
     size = float(np.ptp(position, axis=0).max())
     largest = float(np.sqrt((u**2).sum(axis=1)).max())
     factor = VISIBLE * size / largest if 0 < largest < VISIBLE * size / 5 else 1.0
     x = position + factor * u
+    shape = np.eye(3) + factor * (F - np.eye(3))
 
     name, unit = LABELS[field]
     unit = unit.format(**summary["units"])
-    figure = Figure(figsize=(9, 5), layout="constrained")
     if dim == 3:
+        figure = Figure(figsize=(7, 5.5))
+        figure.subplots_adjust(left=0.0, right=0.92, bottom=0.02, top=0.92)
         axes = figure.add_subplot(projection="3d")
-        marks = axes.scatter(*x.T, c=values, s=_marker_area(x, volume ** (1 / 3)), depthshade=False)
-        axes.set_aspect("equal")
+        marks = _cubes(axes, position, x, shape, summary["spacing"], values)
         axes.set_zlabel(f"z [{summary['units']['length']}]")
     else:
+        figure = Figure(figsize=(9, 5), layout="constrained")
         axes = figure.add_subplot()
-        marks = _squares(axes, x, summary, values) if dim == 2 else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
+        marks = (
+            _squares(axes, x, shape, summary["spacing"], values)
+            if dim == 2
+            else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
+        )
         axes.set_aspect("equal", adjustable="datalim")
     bar = figure.colorbar(marks, ax=axes, shrink=0.8)
     bar.set_label(name + (f" [{unit}]" if unit else ""))
@@ -70,19 +77,45 @@ def colour_values(field: str, values: np.ndarray) -> np.ndarray:
     return values if values.ndim == 1 else np.sqrt((values**2).sum(axis=1))
 
 
-def _squares(axes, x: np.ndarray, summary: dict, values: np.ndarray):
-    """Each particle as a square of its cell's width."""
+def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: float, values: np.ndarray):
+    """Each particle's cell, deformed by its deformation gradient `shape`."""
     from matplotlib.collections import PolyCollection
 
-    half = summary["spacing"] / 2
-    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    squares = PolyCollection(x[:, None, :2] + corners, array=values, edgecolors="face", linewidths=0.2)
+    corners = spacing / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    squares = PolyCollection(
+        x[:, None, :2] + corners @ shape[:, :2, :2].transpose(0, 2, 1), array=values, edgecolors="face", linewidths=0.2
+    )
     axes.add_collection(squares)
     axes.autoscale_view()
     return squares
 
 
-def _marker_area(x: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Area in points of markers about as wide as the cells, when the body fills the picture."""
-    points = 300 / max(float(np.ptp(x, axis=0).max()), 1e-300)
-    return np.maximum(1.0, (points * width) ** 2)
+def _cubes(axes, position: np.ndarray, x: np.ndarray, shape: np.ndarray, spacing: float, values: np.ndarray):
+    """The free faces of the particles' deformed cells: those behind which no other particle lies."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(position)
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+    faces, colours, brightness = [], [], []
+    for axis in range(3):
+        corners = np.insert(square, axis, 0.5, axis=1)
+        for side in (-1, 1):
+            step = side * spacing * np.eye(3)[axis]
+            free = tree.query(position + step, distance_upper_bound=0.5 * spacing)[0] == np.inf
+            faces.append(x[free, None] + side * spacing * corners @ shape[free].transpose(0, 2, 1))
+            colours.append(values[free])
+            brightness.append(np.full(free.sum(), {0: 0.8, 1: 0.7, 2: 1.0}[axis]))
+    quads, colours = np.concatenate(faces), np.concatenate(colours)
+    mapped = ScalarMappable(Normalize(values.min(), values.max()))
+    shaded = mapped.to_rgba(colours)
+    shaded[:, :3] *= np.concatenate(brightness)[:, None]
+    axes.add_collection3d(Poly3DCollection(quads, facecolors=shaded, edgecolors=shaded, linewidths=0.1))
+    low, high = quads.min(axis=(0, 1)), quads.max(axis=(0, 1))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low)
+    axes.locator_params(nbins=4)
+    mapped.set_array(colours)
+    return mapped

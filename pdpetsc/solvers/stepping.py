@@ -79,7 +79,7 @@ def march(
                 )
                 raise ConvergenceError(
                     f"load step {state.step + 1}, from t = {state.time:g} to {target:g}, did not converge: {failure}; "
-                    f"{remedy} may help"
+                    f"{remedy} in [solver] may help"
                 ) from failure
             failed(state.time, target, str(failure))
             state.step_size = size

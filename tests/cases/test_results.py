@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -127,7 +128,7 @@ def uninterrupted(results):
     return results / "whole"
 
 
-@pytest.mark.parametrize(("before", "after", "step"), [(None, 3, 2), (2, None, 1), (3, 2, 3)])
+@pytest.mark.parametrize(("before", "after", "step"), [(None, 3, 2), (3, 2, 3)])
 def test_restart_on_other_ranks(run_pdpetsc, results, uninterrupted, before, after, step):
     if not uninterrupted.exists():
         assert run_pdpetsc(None, *SMALL, "--out", uninterrupted).returncode == 0
@@ -183,11 +184,10 @@ value = {value}
 """
 
 
-@pytest.mark.parametrize("ranks", (None, 2))
-def test_bad_input_ends_with_two(run_pdpetsc, tmp_path, ranks):
-    """On one rank only of two here (X > 11), said once, and without a directory of results."""
+def test_bad_input_ends_with_two(run_pdpetsc, tmp_path):
+    """Found on one rank of two (X > 11), said once, and without a directory of results; test_runs.py has more."""
     (tmp_path / "bad.toml").write_text(BAD.format(value='"log(11.2 - X)"'))
-    run = run_pdpetsc(ranks, "bad.toml", limit=60)
+    run = run_pdpetsc(2, "bad.toml", limit=60)
     assert run.returncode == 2
     (line,) = said_by_us(run)
     assert line.startswith("pdpetsc: error: bad.toml: load.0.value: 'log(11.2 - X)' is nan at X = 11.5")
@@ -211,6 +211,6 @@ def test_not_converged_ends_with_three(run_pdpetsc, tmp_path):
     )
     assert run.returncode == 3, run.stdout + run.stderr
     (line,) = said_by_us(run)
-    assert "load step 1 from t = 0 to 0.5 did not converge: DIVERGED_" in line
+    assert re.search(r"load step 1,? from t = 0 to 0\.5,? did not converge: DIVERGED_\w+", line)
     summary = summary_of(tmp_path / "results" / "clamped_beam")
     assert summary["status"] == "not_converged" and not summary["converged"]

@@ -79,7 +79,7 @@ def test_easy_steps_grow_beyond_the_nominal_size_where_that_is_allowed():
 
 def test_no_step_is_smaller_than_the_smallest():
     newton = Newton(lambda start: start)
-    reason = r"load step 1 from t = 0 to 0\.25 did not converge: DIVERGED_MAX_IT.*min_step"
+    reason = r"load step 1,? from t = 0 to 0\.25,? did not converge: DIVERGED_MAX_IT.*min_step"
     with pytest.raises(ConvergenceError, match=reason):
         times(newton, schedule(1, smallest=0.2))
     assert newton.asked == [1.0, 0.5, 0.25]
@@ -87,7 +87,7 @@ def test_no_step_is_smaller_than_the_smallest():
 
 def test_without_adaptivity_the_first_failure_ends_the_run():
     state = State(u=np.zeros((1, 1)))
-    with pytest.raises(ConvergenceError, match=r"load step 6 from t = 0\.5 to 0\.6 .*DIVERGED_MAX_IT.*adaptive = true"):
+    with pytest.raises(ConvergenceError, match=r"load step 6,? from t = 0\.5 to 0\.6,? .*DIVERGED_MAX_IT.*adaptive = true"):
         times(Newton(lambda start: 0.55), schedule(10, adaptive=False), state)
     assert (state.step, state.time, state.u[0, 0]) == (5, 0.5, 5.0)
 
