@@ -14,7 +14,7 @@ class Observer:
     """Sees a run go by; every method is called on all ranks."""
 
     def start(self, run) -> None:
-        """Before the first step; `run` is the driver's Run."""
+        """Before the first step; `run` is the Simulation."""
 
     def step(self, run) -> None:
         """After a step was committed; its row is `run.rows[-1]`."""

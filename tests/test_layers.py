@@ -20,7 +20,7 @@ LAYERS = (
     ("assembly",),
     ("solvers", "recover", "adapt"),
     ("probes", "expectations", "observers", "io"),
-    ("schema", "case", "driver", "cli", "__main__"),
+    ("schema", "case", "simulation", "driver", "cli", "__main__"),
 )
 LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
 

@@ -56,6 +56,8 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
             else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
         )
         axes.set_aspect("equal", adjustable="datalim")
+        if dim == 1:
+            axes.set_yticks([])
     bar = figure.colorbar(marks, ax=axes, shrink=0.8)
     bar.set_label(name + (f" [{unit}]" if unit else ""))
     axes.set_xlabel(f"x [{summary['units']['length']}]")

@@ -10,6 +10,7 @@ from bodies import affine, assembler, distributed, jittered
 from models import lattice, model, strong_gradient
 from petsc4py import PETSc
 
+from pdpetsc.options import set_defaults
 from pdpetsc.solvers.newton import Newton
 
 pytestmark = pytest.mark.mpi
@@ -18,10 +19,12 @@ pytestmark = pytest.mark.mpi
 @pytest.fixture(autouse=True)
 def options():
     """Tight tolerances, and PETSc's options as they were before."""
+    set_defaults({})
     database = PETSc.Options()
     before = database.getAll()
     database["snes_rtol"] = 1e-14
     yield
+    set_defaults({})
     for name in database.getAll():
         if name not in before:
             database.delValue(name)

@@ -87,7 +87,7 @@ def test_no_step_is_smaller_than_the_smallest():
 
 def test_without_adaptivity_the_first_failure_ends_the_run():
     state = State(u=np.zeros((1, 1)))
-    with pytest.raises(ConvergenceError, match=r"load step 6,? from t = 0\.5 to 0\.6,? .*DIVERGED_MAX_IT.*adaptive = true"):
+    with pytest.raises(ConvergenceError, match=r"load step 6.* to 0\.6,? .*DIVERGED_MAX_IT.*adaptive = true"):
         times(Newton(lambda start: 0.55), schedule(10, adaptive=False), state)
     assert (state.step, state.time, state.u[0, 0]) == (5, 0.5, 5.0)
 

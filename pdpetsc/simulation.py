@@ -1,0 +1,220 @@
+"""A case built into particles, families, materials, loads and a solver, and carried through its load steps."""
+
+import resource
+import time as clock
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from pdpetsc import __version__, expectations, options
+from pdpetsc.assembly import Assembler
+from pdpetsc.body.box import box, coordinates
+from pdpetsc.body.sets import Sets
+from pdpetsc.bonds import HORIZON_TOLERANCE, bond_weights, find_families
+from pdpetsc.case import Case
+from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.loads.base import Load, Site
+from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.observers import Observer
+from pdpetsc.parallel import collective
+from pdpetsc.particles import Particles, distribute
+from pdpetsc.probes import Probe
+from pdpetsc.recover import Recovery
+from pdpetsc.solvers.linear import describe_linear_solver
+from pdpetsc.solvers.newton import Newton, NewtonRecord
+from pdpetsc.solvers.stepping import Schedule, march
+from pdpetsc.state import State
+from pdpetsc.timings import Timings
+
+
+class Simulation:
+    """A case that has been built and can be solved.
+
+    Attributes:
+        case, comm: what is run, and PETSc's communicator.
+        particles, families, materials, assembler, newton: the discrete problem.
+        state: the last committed state.
+        schedule: the load steps.
+        probes: what is followed.
+        rows: one dictionary for each committed step, as in summary.json, with its probes.
+        timings: seconds by stage.
+        observers: who is told.
+    """
+
+    def __init__(self, case: Case, comm: PETSc.Comm):
+        self._started = clock.perf_counter()
+        self.case, self.comm = case, comm
+        self.timings = Timings()
+        with self.timings("setup"):
+            self.particles = _particles(comm, case)
+        with self.timings("families"), collective(comm.tompi4py()):
+            p = self.particles
+            self.families = find_families(p.position, p.horizon, p.id, p.owned)
+        with self.timings("setup"):
+            sets = Sets(
+                p,
+                {name: s.where for name, s in case.sets.items() if s.where},
+                {name: s.nearest for name, s in case.sets.items() if s.nearest},
+            )
+            self.materials = _materials(case, p, self.families, sets)
+            self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
+            loads = _loads(case, p, sets)
+            self.assembler = Assembler(p, self.materials, loads, self.timings)
+        for probe in self.probes:
+            if not probe.reached:
+                raise InputError(f"{case.path}: probe {probe.name!r} lies outside the body")
+        solver = case.solver
+        nominal = solver.end_time / solver.steps
+        self.schedule = Schedule(
+            solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
+            solver.max_step or nominal,
+        )  # fmt: skip
+        for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
+            self.assembler.set_time(time)
+        self.newton = Newton(self.assembler)
+        self.state = State(u=np.zeros((p.owned, p.dim)))
+        self.rows: list[dict] = []
+        self.observers: list[Observer] = []
+
+    @cached_property
+    def recovery(self) -> Recovery:
+        """Fields of the committed state."""
+        return Recovery(self.assembler, self.state.u)
+
+    @property
+    def description(self) -> dict:
+        """What a checkpoint keeps beside the state."""
+        c = self.case
+        origin = {"name": c.name, "variant": c.variant, "path": c.path, "overridden": c.overridden}
+        return {"document": c.document, **origin, "rows": self.rows}
+
+    def solve(self) -> str:
+        """Run to the end of the schedule; the status for summary.json and, where it did not converge, why."""
+        for observer in self.observers:
+            observer.start(self)
+        try:
+            march(self.newton, self.state, self.schedule, self._commit, self._failed)
+        except ConvergenceError as error:
+            return str(error)
+        finally:
+            for observer in self.observers:
+                observer.finish(self)
+        return ""
+
+    def _commit(self, state: State, record: NewtonRecord) -> None:
+        self.__dict__.pop("recovery", None)
+        scale = record.residual_scale
+        self.rows.append(
+            {
+                "step": state.step,
+                "time": state.time,
+                "load_factor": state.time / self.schedule.end,
+                "newton_iterations": record.newton_iterations,
+                "linear_iterations": record.linear_iterations,
+                "residual_norms": record.residual_norms,
+                "residual_scale": scale,
+                "relative_residual": record.residual_norms[-1] / scale if scale else 0.0,
+                "rounding_floor": record.rounding_floor,
+                "broken_bonds": 0,
+                "passes": 1,
+                "seconds": record.seconds,
+                "probes": {probe.name: probe.read(self.recovery, state.time) for probe in self.probes},
+            }
+        )
+        for observer in self.observers:
+            observer.step(self)
+
+    def _failed(self, reached: float, tried: float, reason: str) -> None:
+        for observer in self.observers:
+            observer.failed(self, reached, tried, reason)
+
+    def summary(self, status: str) -> dict:
+        """The contents of summary.json (collective)."""
+        case, mpi, p = self.case, self.comm.tompi4py(), self.particles
+        last = self.rows[-1] if self.rows else {"probes": {}}
+        recovery = self.recovery
+        self.timings.seconds["total"] = clock.perf_counter() - self._started
+        stages = ("setup", "families", "first_tangent", "residual", "tangent", "solve", "output", "total")
+        summary = {
+            "case": case.name,
+            "variant": case.variant,
+            "title": case.title,
+            "version": __version__,
+            "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
+            "status": status,
+            "converged": status == "converged",
+            "dim": p.dim,
+            "particles": p.count,
+            "spacing": case.body.spacing,
+            "bonds": mpi.allreduce(self.families.bonds),
+            "ranks": self.comm.size,
+            "choices": self._choices(),
+            "steps": [{k: v for k, v in row.items() if k != "probes"} for row in self.rows],
+            "probes": last["probes"],
+            "energies": {"stored": recovery.total_energy()},
+            "balance": recovery.balance(),
+            "timings": {s: mpi.allreduce(self.timings.seconds[s], MPI.MAX) for s in stages},
+            "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
+            "units": case.units.model_dump(),
+        }
+        summary["expect"] = expectations.check(summary, case.expect)
+        summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
+        return summary
+
+    def _choices(self) -> dict:
+        return {
+            "materials": {
+                name: material.choices()
+                | {key: getattr(spec, key) for key in ("influence", "partial_volume", "quadrature", "plane")}
+                for (name, spec), material in zip(self.case.material.items(), self.materials)
+            },
+            "horizon_tolerance": HORIZON_TOLERANCE,
+            "solver": f"newton ({self.newton.snes.getType()})",
+            "preconditioner": describe_linear_solver(self.newton.snes.getKSP()),
+            "tangent": "assembled",
+        }
+
+
+def _particles(comm: PETSc.Comm, case: Case) -> Particles:
+    body, mpi = case.body, comm.tompi4py()
+
+    def horizon(position, spacing):
+        values = body.horizon.factor or body.horizon.length
+        return values(**coordinates(position, spacing)) * (spacing if body.horizon.factor else 1.0)
+
+    return distribute(comm, box(mpi, body, body.keep, horizon))
+
+
+def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]:
+    """The materials of the case on their particles; every particle has exactly one."""
+    count = np.zeros(p.owned, int)
+    materials = []
+    for name, spec in case.material.items():
+        members = sets[spec.where]
+        count += members
+        with collective(p.comm.tompi4py()):
+            own = families.subset(np.flatnonzero(members))
+            weight = bond_weights(own, p.position, p.horizon, p.spacing, spec.influence, spec.partial_volume)
+            part = Neighbourhood.of(own, p.position, p.volume, p.horizon, p.spacing, case.body.thickness)
+            try:
+                materials.append(Material.models[spec.model].from_case(spec, part, weight))
+            except InputError as error:
+                raise InputError(f"{case.path}: material.{name}: {error}") from None
+    wrong = p.comm.tompi4py().allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))
+    if wrong.any():
+        raise InputError(
+            f"{case.path}: material: {wrong[0]} particles have no material and {wrong[1]} have more than one; "
+            "the sets in `where` must cover the body once"
+        )
+    return materials
+
+
+def _loads(case: Case, p: Particles, sets: Sets) -> list[Load]:
+    loads = []
+    for spec in case.load:
+        members = np.flatnonzero(sets[spec.set])
+        site = Site(p.comm.tompi4py(), members, p.position[members], p.volume[members], p.spacing[members], spec.value)
+        loads.append(Load.kinds[spec.kind](site, spec))
+    return loads
