@@ -1,5 +1,6 @@
 """From a case to its results: build the simulation, run it, say how it ended."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -34,6 +35,8 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
         _check_replaceable(out)
+    if not quiet and not Path(os.environ["NUMBA_CACHE_DIR"]).exists():
+        say(comm, "compiling the kernels, once for this version: about half a minute")
     simulation = Simulation(case, comm)
     with collective(comm.tompi4py()):
         if comm.rank == 0:
@@ -82,8 +85,18 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
         FieldOutput(out, case.output.every),
         Checkpoint(out, case.output.checkpoint),
     ]
-    reason = simulation.solve()
-    summary = simulation.summary("not_converged" if reason else "converged")
+    status, failure = "converged", None
+    try:
+        simulation.solve()
+    except ConvergenceError as error:
+        status, failure = "not_converged", error
+    except InputError as error:
+        if not simulation.rows:
+            _remove(comm, out)
+            raise
+        status, failure = "interrupted", error
+        simulation.assembler.set_time(simulation.state.time)
+    summary = simulation.summary(status)
     if comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)
         if simulation.rows:
@@ -93,9 +106,15 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
         _report(comm, summary, out)
     if summary["unused_options"]:
         warn(comm, f"options that nobody used: {', '.join('-' + name for name in summary['unused_options'])}")
-    if reason:
-        raise ConvergenceError(reason)
+    if failure:
+        raise failure
     return 0 if case.overridden or all(e["met"] for e in summary["expect"]) else 4
+
+
+def _remove(comm, out: Path) -> None:
+    if comm.rank == 0:
+        shutil.rmtree(out)
+    comm.tompi4py().Barrier()
 
 
 def _announce(simulation: Simulation) -> None:

@@ -23,21 +23,20 @@ def check(summary: dict, expected: list) -> list[dict]:
 
 
 def _check(value, e) -> dict:
-    if e.equals is not None:
-        goal, tolerance = e.equals, e.atol + e.rtol * float(np.abs(e.equals).max())
-    else:
-        goal, tolerance = f"< {e.below!r}" if e.below is not None else f"> {e.above!r}", 0.0
-    met = False
-    if value is not None:
+    try:
         numbers = np.asarray(value, float)
-        if e.equals is not None:
-            goals = np.asarray(e.equals, float)
-            allowed = e.atol + e.rtol * np.abs(goals)
-            met = numbers.shape == goals.shape and bool(np.all(np.abs(numbers - goals) <= allowed))
-        elif e.below is not None:
-            met = bool(np.all(numbers < e.below))
-        else:
-            met = bool(np.all(numbers > e.above))
+    except (TypeError, ValueError):  # no number, or nothing at all
+        numbers = np.array(np.nan)
+    tolerance = 0.0
+    if e.equals is not None:
+        goal, goals = e.equals, np.asarray(e.equals, float)
+        allowed = e.atol + e.rtol * np.abs(goals)
+        tolerance = float(allowed.max())
+        met = numbers.shape == goals.shape and bool(np.all(np.abs(numbers - goals) <= allowed))
+    elif e.below is not None:
+        goal, met = f"< {e.below!r}", bool(np.all(numbers < e.below))
+    else:
+        goal, met = f"> {e.above!r}", bool(np.all(numbers > e.above))
     return {
         "name": e.value, "value": value, "expected": goal, "tolerance": tolerance, "met": met, "source": e.source,
     }  # fmt: skip

@@ -85,7 +85,7 @@ class TangentMatrix:
             expected = blocks[part][:, 0, :].ravel()
             columns = (self._columns[part][:, None] * dim + np.arange(dim)).ravel()
             read_columns, read = self.mat.getRow((self._start + row) * dim)
-            if not (np.array_equal(columns, read_columns) and np.array_equal(expected, read)):
+            if not (np.array_equal(columns, read_columns) and np.array_equal(expected, read, equal_nan=True)):
                 raise RuntimeError("values written into PETSc's AIJ storage do not read back: unknown storage layout")
 
 

@@ -3,6 +3,7 @@
 import ctypes
 import os
 import re
+import signal
 from collections.abc import Callable, Mapping
 
 _OPTION = re.compile(r"-[A-Za-z_]")
@@ -54,6 +55,7 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
     import petsc4py
 
     petsc4py.init(["pdpetsc", *arguments])
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc's handler would call `pdpetsc | head` a crash
 
 
 _defaults: set[str] = set()  # names of the options that `set_defaults` has given

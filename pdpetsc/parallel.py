@@ -13,9 +13,10 @@ def abort_on_exception() -> None:
     """End all ranks when one of them meets an exception that nobody handles; the others would wait for ever."""
 
     def abort(kind, error, trace):
-        sys.stdout.flush()
-        traceback.print_exception(kind, error, trace)
-        sys.stderr.flush()
+        if not issubclass(kind, BrokenPipeError):  # the reader of our output is gone: nothing to tell
+            sys.stdout.flush()
+            traceback.print_exception(kind, error, trace)
+            sys.stderr.flush()
         MPI.COMM_WORLD.Abort(130 if issubclass(kind, KeyboardInterrupt) else 1)
 
     sys.excepthook = abort

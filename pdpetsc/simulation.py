@@ -14,7 +14,7 @@ from pdpetsc.body.box import box, coordinates
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import HORIZON_TOLERANCE, bond_weights, find_families
 from pdpetsc.case import Case
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import InputError
 from pdpetsc.loads.base import Load, Site
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
@@ -27,6 +27,10 @@ from pdpetsc.solvers.newton import Newton, NewtonRecord
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
 from pdpetsc.timings import Timings
+
+_KEEP_COMMUNICATOR = PETSc.Vec().create(PETSc.COMM_WORLD)
+"""PETSc frees its copy of a communicator with the last object on it. Ranks collect garbage at different times, so in a
+second simulation of one process some would have to copy it again, collectively, and others not."""
 
 
 class Simulation:
@@ -71,6 +75,11 @@ class Simulation:
             solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
             solver.max_step or nominal,
         )  # fmt: skip
+        if not self.comm.tompi4py().allreduce(int(self.assembler.constrained.sum())):
+            raise InputError(
+                f"{case.path}: load: no displacement is prescribed, so the body can float away; "
+                "hold at least as many components as it has rigid motions"
+            )
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
         self.newton = Newton(self.assembler)
@@ -90,18 +99,20 @@ class Simulation:
         origin = {"name": c.name, "variant": c.variant, "path": c.path, "overridden": c.overridden}
         return {"document": c.document, **origin, "rows": self.rows}
 
-    def solve(self) -> str:
-        """Run to the end of the schedule; the status for summary.json and, where it did not converge, why."""
+    def solve(self) -> None:
+        """Run to the end of the schedule.
+
+        Raises:
+            ConvergenceError: a step was not solved; the steps before it stay committed.
+            InputError: a load has no value at some time; likewise.
+        """
         for observer in self.observers:
             observer.start(self)
         try:
             march(self.newton, self.state, self.schedule, self._commit, self._failed)
-        except ConvergenceError as error:
-            return str(error)
         finally:
             for observer in self.observers:
                 observer.finish(self)
-        return ""
 
     def _commit(self, state: State, record: NewtonRecord) -> None:
         self.__dict__.pop("recovery", None)

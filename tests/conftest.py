@@ -35,10 +35,18 @@ OF_MPIRUN = (
 
 @pytest.fixture(scope="session")
 def comm():
-    """The communicator of all ranks (of one, under plain pytest)."""
-    from mpi4py import MPI
+    """The communicator of all ranks (of one, under plain pytest).
 
-    return MPI.COMM_WORLD
+    PETSc makes its own copy with the first object and frees it with the last, both collectively. Ranks collect their
+    garbage at different times, so between tests one rank could be without any object and make a copy that the others
+    do not: one object is kept here for all the time.
+    """
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+    kept = PETSc.Viewer().createASCII(os.devnull, comm=PETSc.COMM_WORLD)
+    yield MPI.COMM_WORLD
+    kept.destroy()
 
 
 @pytest.fixture

@@ -1,6 +1,9 @@
 """Lattice bodies: a line, a rectangle or a block of cells with one particle in the middle of each."""
 
+import math
+
 import numpy as np
+from petsc4py import PETSc
 
 from pdpetsc.errors import InputError
 from pdpetsc.parallel import collective
@@ -55,7 +58,12 @@ def box(comm, body, keep, horizon) -> Points:
         extra[axis, side] = layer_rows(width.length(reach), cell[axis])
     counts = inner + extra.sum(axis=1)
 
-    total = int(np.prod(counts))
+    total = math.prod(map(int, counts))
+    if total * dim > np.iinfo(PETSc.IntType).max:
+        raise InputError(
+            f"body.spacing: {body.spacing:g} makes {total:.3g} particles, more than this PETSc's integers can number; "
+            "enlarge the spacing, or use a PETSc configured with 64-bit indices"
+        )
     first, last = total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
     index = np.stack(np.unravel_index(np.arange(first, last), counts, order="F"), axis=1)
     position = np.array(body.origin) + (index - extra[:, 0] + 0.5) * cell

@@ -18,6 +18,10 @@ DEFAULTS = {
 ROUNDING_MARGIN = 10.0
 """A residual that no longer falls counts as converged below this many times its estimated rounding error."""
 
+WORST_FLOOR = 1e-6
+"""A residual above this fraction of loads and reactions is no equilibrium, however large the displacements that raise
+its rounding error (those of a body that floats away)."""
+
 _REASONS = {value: name for name, value in vars(PETSc.SNES.ConvergedReason).items() if isinstance(value, int) and value}
 
 
@@ -134,8 +138,11 @@ class Newton:
         return reasons.ITERATING
 
     def _at_rounding_floor(self, x: PETSc.Vec) -> bool:
+        norm = self._record.residual_norms[-1]
+        if norm > WORST_FLOOR * self._assembler.residual_scale():
+            return False
         u = x.getArray(readonly=True).reshape(-1, self._assembler.dim)
-        return self._record.residual_norms[-1] <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
+        return norm <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
 
     def _explain(self, reason: int) -> str:
         name = _REASONS.get(reason, str(reason))

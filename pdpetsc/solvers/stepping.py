@@ -75,7 +75,7 @@ def march(
             size = (target - state.time) / 2
             if not schedule.adaptive or size < schedule.smallest:
                 remedy = (
-                    "a smaller [solver] min_step" if schedule.adaptive else "more [solver] steps or adaptive = true"
+                    "a smaller min_step" if schedule.adaptive else "more steps or adaptive = true"
                 )
                 raise ConvergenceError(
                     f"load step {state.step + 1}, from t = {state.time:g} to {target:g}, did not converge: {failure}; "

@@ -169,7 +169,7 @@ def test_missing_petsc4py_is_one_sentence(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "petsc4py", None)
     assert __main__.main() == 2
     said = capsys.readouterr().err
-    assert said.startswith("pdpetsc: error: petsc4py is missing; install it with 'apt-get install python3-petsc4py'")
+    assert said.startswith("pdpetsc: error: petsc4py is missing; on Debian or Ubuntu 'scripts/setup' installs it")
     assert said.count("\n") == 1
 
 

@@ -72,7 +72,8 @@ def test_pictures(tmp_path, dim, field):
         file["position"], file["volume"] = X, np.full(n, 1e-12)
         group = file.create_group("00003")
         group["u"] = np.zeros((n, 3)) if dim == 1 else 1e-5 * X
-        if field != "u":
+        group["F"] = np.tile(np.eye(3).ravel(), (n, 1))  # the cells are drawn deformed
+        if field not in ("u", "F"):
             group[field] = np.ones((n, 3 ** RANKS[field])[: 1 + bool(RANKS[field])])
     summary = {
         "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
