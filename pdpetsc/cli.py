@@ -40,7 +40,7 @@ Examples:
   pdpetsc restart results/plate                    go on from the last checkpoint
 
 Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
-4 an expectation missed, 5 stopped by a signal with a checkpoint written."""
+4 an expectation missed."""
 
 
 class _Parser(argparse.ArgumentParser):

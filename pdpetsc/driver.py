@@ -95,7 +95,6 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
             _remove(comm, out)
             raise
         status, failure = "interrupted", error
-        simulation.assembler.set_time(simulation.state.time)
     summary = simulation.summary(status)
     if comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)

@@ -23,7 +23,7 @@ class Observer:
         """After a step was cut."""
 
     def finish(self, run) -> None:
-        """After the last step, whether the run converged or not."""
+        """After the last step that was committed, whether the run converged or not."""
 
 
 class ProgressTable(Observer):
@@ -90,7 +90,7 @@ class History(Observer):
 
 
 class FieldOutput(Observer):
-    """Fields every n steps and at the last one."""
+    """Fields every n steps and at the last one that was committed."""
 
     def __init__(self, directory: Path, every: int):
         self._directory = directory
@@ -101,19 +101,33 @@ class FieldOutput(Observer):
         self._writer = FieldWriter(self._directory, run.particles, known)
 
     def step(self, run):
-        if run.state.step % self._every == 0 or run.schedule.finished(run.state.time):
-            with run.timings("output"):
-                self._writer.write(run.state.step, run.state.time, run.recovery)
+        if run.state.step % self._every == 0:
+            self._write(run)
+
+    def finish(self, run):
+        if run.state.step and run.state.step not in self._writer.steps:
+            self._write(run)
+
+    def _write(self, run):
+        with run.timings("output"):
+            self._writer.write(run.state.step, run.state.time, run.recovery)
 
 
 class Checkpoint(Observer):
-    """A checkpoint every n steps and at the last one."""
+    """A checkpoint every n steps and at the last one that was committed."""
 
     def __init__(self, directory: Path, every: int):
         self._directory = directory
         self._every = every
 
     def step(self, run):
-        if run.state.step % self._every == 0 or run.schedule.finished(run.state.time):
-            with run.timings("output"):
-                write_checkpoint(self._directory, run.particles, run.state, run.description)
+        if run.state.step % self._every == 0:
+            self._write(run)
+
+    def finish(self, run):
+        if run.state.step % self._every:
+            self._write(run)
+
+    def _write(self, run):
+        with run.timings("output"):
+            write_checkpoint(self._directory, run.particles, run.state, run.description)

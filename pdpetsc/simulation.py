@@ -14,7 +14,7 @@ from pdpetsc.body.box import box, coordinates
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import HORIZON_TOLERANCE, bond_weights, find_families
 from pdpetsc.case import Case
-from pdpetsc.errors import InputError
+from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.loads.base import Load, Site
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
@@ -50,6 +50,16 @@ class Simulation:
     def __init__(self, case: Case, comm: PETSc.Comm):
         self._started = clock.perf_counter()
         self.case, self.comm = case, comm
+        try:
+            self._build(case, comm)
+        except InputError as error:
+            message = str(error)
+            raise InputError(message if message.startswith(case.path) else f"{case.path}: {message}") from None
+        self.state = State(u=np.zeros((self.particles.owned, self.particles.dim)))
+        self.rows: list[dict] = []
+        self.observers: list[Observer] = []
+
+    def _build(self, case: Case, comm: PETSc.Comm) -> None:
         self.timings = Timings()
         with self.timings("setup"):
             self.particles = _particles(comm, case)
@@ -68,7 +78,7 @@ class Simulation:
             self.assembler = Assembler(p, self.materials, loads, self.timings)
         for probe in self.probes:
             if not probe.reached:
-                raise InputError(f"{case.path}: probe {probe.name!r} lies outside the body")
+                raise InputError(f"probe {probe.name!r} lies outside the body")
         solver = case.solver
         nominal = solver.end_time / solver.steps
         self.schedule = Schedule(
@@ -77,15 +87,12 @@ class Simulation:
         )  # fmt: skip
         if not self.comm.tompi4py().allreduce(int(self.assembler.constrained.sum())):
             raise InputError(
-                f"{case.path}: load: no displacement is prescribed, so the body can float away; "
+                "load: no displacement is prescribed, so the body can float away; "
                 "hold at least as many components as it has rigid motions"
             )
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
         self.newton = Newton(self.assembler)
-        self.state = State(u=np.zeros((p.owned, p.dim)))
-        self.rows: list[dict] = []
-        self.observers: list[Observer] = []
 
     @cached_property
     def recovery(self) -> Recovery:
@@ -108,11 +115,17 @@ class Simulation:
         """
         for observer in self.observers:
             observer.start(self)
+        failure = None
         try:
             march(self.newton, self.state, self.schedule, self._commit, self._failed)
-        finally:
-            for observer in self.observers:
-                observer.finish(self)
+        except (ConvergenceError, InputError) as error:  # met by all ranks alike, so they can finish together
+            failure = error
+            if self.rows:
+                self.assembler.set_time(self.state.time)  # the loads of the last committed state again
+        for observer in self.observers:
+            observer.finish(self)
+        if failure:
+            raise failure
 
     def _commit(self, state: State, record: NewtonRecord) -> None:
         self.__dict__.pop("recovery", None)
@@ -212,11 +225,11 @@ def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]
             try:
                 materials.append(Material.models[spec.model].from_case(spec, part, weight))
             except InputError as error:
-                raise InputError(f"{case.path}: material.{name}: {error}") from None
+                raise InputError(f"material.{name}: {error}") from None
     wrong = p.comm.tompi4py().allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))
     if wrong.any():
         raise InputError(
-            f"{case.path}: material: {wrong[0]} particles have no material and {wrong[1]} have more than one; "
+            f"material: {wrong[0]} particles have no material and {wrong[1]} have more than one; "
             "the sets in `where` must cover the body once"
         )
     return materials

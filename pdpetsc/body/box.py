@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from pdpetsc.errors import InputError
-from pdpetsc.parallel import collective
+from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Points
 
 FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
@@ -49,6 +49,8 @@ def box(comm, body, keep, horizon) -> Points:
             f"body.size: {list(body.size)} is not a multiple of the spacing {body.spacing:g}; "
             f"the nearest lattice has {' x '.join(map(str, inner))} cells of {' x '.join(f'{c:.6g}' for c in cell)}"
         )
+    if np.any(np.abs(cell / body.spacing - 1) > 1e-6):
+        warn(comm, f"body.size is no multiple of body.spacing: the cells are {' x '.join(f'{c:.6g}' for c in cell)}")
     spacing = float(np.prod(cell) ** (1 / dim))
     center = np.array(body.origin) + size / 2
     reach = float(horizon(center[None], np.array([spacing]))[0])

@@ -17,7 +17,7 @@ class FieldWriter:
     """Writes the fields of load steps, one after the other.
 
     The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon` and a group for each
-    step with vectors as (N, 3) and tensors as (N, 9). It is closed between steps.
+    step with vectors as (N, 3) and tensors as (N, 9). It is closed between steps; `steps` has the times of those in it.
 
     Args:
         directory: existing result directory.
@@ -28,7 +28,7 @@ class FieldWriter:
     def __init__(self, directory: Path, particles: Particles, times: dict[int, float]):
         self._directory = directory
         self._particles = particles
-        self._steps: list[tuple[int, float]] = []
+        self.steps: dict[int, float] = {}
         p = particles
         if times and (directory / HDF5).exists():
             self._keep(times)
@@ -46,16 +46,16 @@ class FieldWriter:
                 if int(name) not in times:
                     del file[name]
         written = self._particles.comm.tompi4py().bcast(written)
-        self._steps = [(int(name), times[int(name)]) for name in written if int(name) in times]
+        self.steps = {int(name): times[int(name)] for name in written if int(name) in times}
 
     def write(self, step: int, time: float, recovery: Recovery) -> None:
         """Append a step (collective)."""
         with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
             for name in WRITTEN:
                 self._write(file, f"{step:05d}/{name}", recovery.field(name))
-        self._steps.append((step, time))
+        self.steps[step] = time
         if self._particles.comm.rank == 0:
-            tree = ElementTree.ElementTree(_xdmf(self._particles.count, self._steps))
+            tree = ElementTree.ElementTree(_xdmf(self._particles.count, self.steps))
             ElementTree.indent(tree)
             tree.write(self._directory / XDMF, xml_declaration=True)
 
@@ -77,7 +77,7 @@ _KINDS = {1: ("Scalar", ""), 3: ("Vector", " 3"), 9: ("Tensor", " 9")}
 _COMPONENTS = {"u": 3, "reaction": 3, "force": 3, "F": 9, "stress": 9, "strain": 9}
 
 
-def _xdmf(count: int, steps: list[tuple[int, float]]) -> ElementTree.Element:
+def _xdmf(count: int, steps: dict[int, float]) -> ElementTree.Element:
     """An XDMF 3 temporal collection of point clouds."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
@@ -91,7 +91,7 @@ def _xdmf(count: int, steps: list[tuple[int, float]]) -> ElementTree.Element:
         )
         data.text = f"{HDF5}:/{name}"
 
-    for step, time in steps:
+    for step, time in steps.items():
         grid = ElementTree.SubElement(collection, "Grid", Name=f"step {step}", GridType="Uniform")
         ElementTree.SubElement(grid, "Time", Value=repr(time))
         topology = ElementTree.SubElement(

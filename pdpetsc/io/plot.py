@@ -43,7 +43,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     unit = unit.format(**summary["units"])
     if dim == 3:
         figure = Figure(figsize=(7, 5.5))
-        figure.subplots_adjust(left=0.0, right=0.92, bottom=0.02, top=0.92)
+        figure.subplots_adjust(left=0.02, right=0.92, bottom=0.06, top=0.92)
         axes = figure.add_subplot(projection="3d")
         marks = _cubes(axes, position, x, shape, summary["spacing"], values)
         axes.set_zlabel(f"z [{summary['units']['length']}]")
@@ -58,6 +58,9 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
         axes.set_aspect("equal", adjustable="datalim")
         if dim == 1:
             axes.set_yticks([])
+    low, high = float(values.min()), float(values.max())
+    if high - low < 1e-6 * max(abs(low), abs(high)):  # a uniform field: no colours for rounding errors
+        marks.set_clim(low - 0.01 * abs(low), high + 0.01 * abs(high))
     bar = figure.colorbar(marks, ax=axes, shrink=0.8)
     bar.set_label(name + (f" [{unit}]" if unit else ""))
     axes.set_xlabel(f"x [{summary['units']['length']}]")

@@ -247,7 +247,9 @@ class Probe(Table):
     def _check(self, info: ValidationInfo):
         _exactly_one(self, "at", "line", "set")
         rank = RANKS[self.field]
-        names = ["".join(axes) for axes in product(AXES[: info.context.dim], repeat=rank)] + ["magnitude"]
+        names = ["".join(axes) for axes in product(AXES if rank == 2 else AXES[: info.context.dim], repeat=rank)] + [
+            "magnitude"
+        ]
         if self.component is not None and (rank == 0 or self.component not in names):
             choices = f"choices: {', '.join(names)}" if rank else "it is a scalar"
             raise ValueError(f"field {self.field} has no component {self.component!r}; {choices}")

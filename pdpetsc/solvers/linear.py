@@ -4,7 +4,7 @@ from petsc4py import PETSc
 
 from pdpetsc import options
 
-DIRECT_LIMIT = {1: 50e6, 2: 12e6, 3: 6e6}
+DIRECT_LIMIT = {1: 50e6, 2: 12e6, 3: 1.5e6}
 """Stored entries of the tangent up to which a direct solver is the default, by dimension: about where a factorisation
 and multigrid take the same time (docs/performance.md)."""
 

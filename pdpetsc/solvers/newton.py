@@ -98,7 +98,7 @@ class Newton:
         elsewhere -= sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
         seconds["solve"] += record.seconds + elsewhere
         if reason <= 0:
-            raise StepFailed(self._explain(reason))
+            raise self._failure(reason)
         return self._x.getArray(readonly=True).reshape(u.shape).copy(), record
 
     def _predict(self, u: np.ndarray) -> None:
@@ -113,7 +113,7 @@ class Newton:
         ksp.solve(self._rhs, self._d)
         self._record.linear_iterations += ksp.getIterationNumber()
         if ksp.getConvergedReason() < 0:
-            raise StepFailed(self._explain(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE))
+            raise self._failure(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
         guess = u + self._d.getArray(readonly=True).reshape(u.shape)
         self._x.getArray()[...] = np.where(a.constrained, a.prescribed, guess).ravel()
 
@@ -144,14 +144,18 @@ class Newton:
         u = x.getArray(readonly=True).reshape(-1, self._assembler.dim)
         return norm <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
 
-    def _explain(self, reason: int) -> str:
+    def _failure(self, reason: int) -> StepFailed:
+        """What to raise for SNES's reason; a preconditioner that failed is made anew at the next step."""
         name = _REASONS.get(reason, str(reason))
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN:
-            return f"{name}: a deformation gradient is inverted (smaller steps, more stabilisation)"
-        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
-            ksp = self.snes.getKSP()
-            return (
-                f"{name}: the linear solver gave up (KSP reason {ksp.getConvergedReason()} of "
-                f"{describe_linear_solver(ksp)}; -pc_type cholesky or lu is slower and surer)"
-            )
-        return name
+            return StepFailed(f"{name}: a deformation gradient is inverted (smaller steps, more stabilisation)")
+        if reason != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
+            return StepFailed(name)
+        ksp = self.snes.getKSP()
+        text = f"{name}: KSP reason {ksp.getConvergedReason()} of {describe_linear_solver(ksp)}"
+        if ksp.getType() == "preonly":
+            text += "; the tangent is singular: is the body held against all rigid motions?"
+        else:
+            text += "; -pc_type cholesky or lu is surer"
+        ksp.reset()
+        return StepFailed(text)

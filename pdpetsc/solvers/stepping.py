@@ -74,9 +74,7 @@ def march(
         except StepFailed as failure:
             size = (target - state.time) / 2
             if not schedule.adaptive or size < schedule.smallest:
-                remedy = (
-                    "a smaller min_step" if schedule.adaptive else "more steps or adaptive = true"
-                )
+                remedy = "a smaller min_step" if schedule.adaptive else "more steps or adaptive = true"
                 raise ConvergenceError(
                     f"load step {state.step + 1}, from t = {state.time:g} to {target:g}, did not converge: {failure}; "
                     f"{remedy} in [solver] may help"
