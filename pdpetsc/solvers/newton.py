@@ -22,6 +22,9 @@ WORST_FLOOR = 1e-6
 """A residual above this fraction of loads and reactions is no equilibrium, however large the displacements that raise
 its rounding error (those of a body that floats away)."""
 
+NOT_A_NUMBER = -4
+"""SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
+
 _REASONS = {value: name for name, value in vars(PETSc.SNES.ConvergedReason).items() if isinstance(value, int) and value}
 
 
@@ -125,7 +128,7 @@ class Newton:
         history = self._record.residual_norms
         history.append(norm)
         if not np.isfinite(norm):
-            return reasons.DIVERGED_FNORM_NAN
+            return NOT_A_NUMBER
         if norm <= atol or norm == 0.0:
             return reasons.CONVERGED_FNORM_ABS
         if norm <= rtol * self._assembler.residual_scale():
@@ -147,7 +150,7 @@ class Newton:
     def _failure(self, reason: int) -> StepFailed:
         """What to raise for SNES's reason; a preconditioner that failed is made anew at the next step."""
         name = _REASONS.get(reason, str(reason))
-        if reason == PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN:
+        if reason == NOT_A_NUMBER:
             return StepFailed(f"{name}: a deformation gradient is inverted (smaller steps, more stabilisation)")
         if reason != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
             return StepFailed(name)

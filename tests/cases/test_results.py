@@ -39,8 +39,9 @@ def assert_same_fields(a: Path, b: Path):
 
 def assert_same_summaries(a: Path, b: Path):
     left, right = summary_of(a), summary_of(b)
-    for key in ("case", "status", "dim", "particles", "bonds", "choices"):
+    for key in ("case", "status", "dim", "particles", "bonds"):
         assert left[key] == right[key]
+    assert left["choices"]["materials"] == right["choices"]["materials"]  # the linear solver may depend on the ranks
     assert left["probes"].keys() == right["probes"].keys()
     for name, value in left["probes"].items():
         assert np.allclose(value, right["probes"][name], rtol=CLOSE, atol=0)

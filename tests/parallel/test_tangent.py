@@ -150,6 +150,7 @@ def test_snes_test_jacobian(comm, row, dim, capfd):
     x = a.vector()
     x.getArray()[...] = np.where(a.constrained, a.prescribed, deformed(p)).ravel()
     PETSc.Options()["checked_snes_test_jacobian"] = None
+    snes.setFromOptions()
     try:
         snes.solve(None, x)
     finally:

@@ -327,7 +327,7 @@ MISTAKES = [
     ('name = "tip"', 'name = "axis"', "probe: two probes have the name 'axis'"),
     ('name = "tip"', 'name = "the tip"', "probe.0.name: a name begins with a letter"),
     ('component = "x"', 'component = "z"', "probe.0: field u has no component 'z'; choices: x, y, magnitude"),
-    ('component = "xy"', 'component = "xz"', "probe.1: field stress has no component 'xz'; choices: xx, xy, yx, yy,"),
+    ('component = "xy"', 'component = "xw"', "probe.1: field stress has no component 'xw'; choices: xx, xy, xz, yx,"),
     ("at = [0.15, 0.025]", "", "probe.0: needs exactly one of at, line, set"),
     ("at = [0.15, 0.025]", 'set = "left"', "probe.0: set and reduce go together"),
     ("at = [0.15, 0.025]", 'set = "left"\nreduce = "error"', "probe.0: reduce = 'error' and exact go together"),
