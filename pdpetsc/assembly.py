@@ -10,6 +10,7 @@ from pdpetsc.matrix import TangentMatrix
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.sparsity import Sparsity, tangent_sparsity
+from pdpetsc.support import rigid_motions
 from pdpetsc.timings import Timings
 
 
@@ -184,18 +185,9 @@ class Assembler:
         """Translations and rotations, zero on constrained entries, orthonormal: the near-nullspace for multigrid."""
         p = self.particles
         X = p.position[: p.owned]
-        modes = []
-        for k in range(p.dim):
-            mode = np.zeros((p.owned, p.dim))
-            mode[:, k] = 1
-            modes.append(mode)
-        for a in range(p.dim):
-            for b in range(a + 1, p.dim):
-                mode = np.zeros((p.owned, p.dim))
-                mode[:, a], mode[:, b] = -X[:, b], X[:, a]
-                modes.append(mode)
+        modes, _ = rigid_motions(X)
         vectors = []
-        for mode in modes:
+        for mode in np.moveaxis(modes, -1, 0):
             vector = self.vector()
             vector.getArray()[...] = np.where(self.constrained, 0.0, mode).ravel()
             before = vector.norm()

@@ -10,7 +10,7 @@ from pdpetsc import __version__
 from pdpetsc.case import Case
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import read_description, read_state
+from pdpetsc.io.checkpoint import CHECKPOINT, read_description, read_state
 from pdpetsc.io.plot import plot_result
 from pdpetsc.observers import Checkpoint, FieldOutput, History, ProgressTable
 from pdpetsc.parallel import collective, say, warn
@@ -34,7 +34,7 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
     """
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
-        _check_replaceable(out)
+        _check_replaceable(out, case)
     if not quiet and not Path(os.environ["NUMBA_CACHE_DIR"]).exists():
         say(comm, "compiling the kernels, once for this version: about half a minute")
     simulation = Simulation(case, comm)
@@ -47,6 +47,7 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
 def restart(directory: Path, quiet: bool = False) -> int:
     """Go on from the checkpoint of a result directory, on any number of ranks; results are continued there."""
     comm = PETSc.COMM_WORLD
+    directory = directory.parent if directory.name == CHECKPOINT else directory
     with collective(comm.tompi4py()):
         kept = read_description(directory)
         rows = kept.pop("rows")
@@ -55,12 +56,18 @@ def restart(directory: Path, quiet: bool = False) -> int:
     simulation.state = read_state(directory, simulation.particles)
     simulation.assembler.set_time(simulation.state.time)
     simulation.rows = rows
+    if simulation.schedule.finished(simulation.state.time):
+        warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)
 
 
-def _check_replaceable(out: Path) -> None:
-    if out.exists() and not (out.is_dir() and (tables.is_result(out) or not any(out.iterdir()))):
-        raise InputError(f"--out {out}: exists and is no result of pdpetsc, so it is not replaced; choose another")
+def _check_replaceable(out: Path, case: Case) -> None:
+    if not out.exists():
+        return
+    if not (out.is_dir() and (tables.is_result(out) or not any(out.iterdir()))):
+        raise InputError(f"--out {out}: holds more than a result of pdpetsc, so it is not replaced; choose another")
+    if Path(case.path).resolve().parent == out.resolve():
+        raise InputError(f"--out {out}: holds the case that is to be run, so it is not replaced; choose another")
 
 
 def _replace(out: Path, case: Case) -> None:
@@ -99,7 +106,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     if comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)
         if simulation.rows:
-            plot_result(out, summary, case.output.picture)
+            _plot(comm, out, summary, case.output.picture)
     comm.tompi4py().Barrier()
     if not quiet:
         _report(comm, summary, out)
@@ -108,6 +115,14 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     if failure:
         raise failure
     return 0 if case.overridden or all(e["met"] for e in summary["expect"]) else 4
+
+
+def _plot(comm, out: Path, summary: dict, field: str) -> None:
+    """The picture; a run is not lost for want of it."""
+    try:
+        plot_result(out, summary, field)
+    except Exception as error:
+        warn(comm, f"no picture was made: {error}")
 
 
 def _remove(comm, out: Path) -> None:

@@ -38,12 +38,11 @@ def broadcast(forest: PETSc.SF, roots: np.ndarray, leaves: np.ndarray) -> None:
     forest.bcastEnd(unit, roots, leaves, MPI.REPLACE)
 
 
-def reduce_sum(forest: PETSc.SF, leaves: np.ndarray, roots: np.ndarray) -> None:
-    """Add every leaf's entry to its root; entries are float64 of any number of components."""
-    components = int(np.prod(leaves.shape[1:]))
-    unit = MPI.DOUBLE if components == 1 else _vector(MPI.DOUBLE, components)
-    forest.reduceBegin(unit, leaves, roots, MPI.SUM)
-    forest.reduceEnd(unit, leaves, roots, MPI.SUM)
+def reduce(forest: PETSc.SF, leaves: np.ndarray, roots: np.ndarray, operation: MPI.Op = MPI.SUM) -> None:
+    """Combine every leaf's entry with its root's."""
+    unit = _unit(leaves)
+    forest.reduceBegin(unit, leaves, roots, operation)
+    forest.reduceEnd(unit, leaves, roots, operation)
 
 
 class Exchange:
@@ -66,7 +65,12 @@ class Exchange:
 
     def reverse_add(self, field: np.ndarray) -> np.ndarray:
         """Add the ghost entries of a local field to their owners, in place; ghost entries are then stale."""
-        reduce_sum(self._forest, field, field)
+        reduce(self._forest, field, field)
+        return field
+
+    def reverse_minimum(self, field: np.ndarray) -> np.ndarray:
+        """Give owners the minimum of their entry of a scalar local field and of their ghosts', in place."""
+        reduce(self._forest, field, field, MPI.MIN)
         return field
 
 
@@ -87,9 +91,7 @@ class Directory:
         """This rank's block of ids, from the owners."""
         field = np.ascontiguousarray(field)
         block = np.zeros((self.stop - self.start, *field.shape[1:]), field.dtype)
-        unit = _unit(field)
-        self._forest.reduceBegin(unit, field, block, MPI.REPLACE)
-        self._forest.reduceEnd(unit, field, block, MPI.REPLACE)
+        reduce(self._forest, field, block, MPI.REPLACE)
         return block
 
     def from_blocks(self, block: np.ndarray) -> np.ndarray:

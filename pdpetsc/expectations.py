@@ -34,9 +34,9 @@ def _check(value, e) -> dict:
         tolerance = float(allowed.max())
         met = numbers.shape == goals.shape and bool(np.all(np.abs(numbers - goals) <= allowed))
     elif e.below is not None:
-        goal, met = f"< {e.below!r}", bool(np.all(numbers < e.below))
+        goal, met = f"< {e.below!r}", numbers.size > 0 and bool(np.all(numbers < e.below))
     else:
-        goal, met = f"> {e.above!r}", bool(np.all(numbers > e.above))
+        goal, met = f"> {e.above!r}", numbers.size > 0 and bool(np.all(numbers > e.above))
     return {
         "name": e.value, "value": value, "expected": goal, "tolerance": tolerance, "met": met, "source": e.source,
     }  # fmt: skip

@@ -7,6 +7,7 @@ from numba import njit
 from petsc4py import PETSc
 
 from pdpetsc.errors import InputError
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.sparsity import Sparsity
 
@@ -43,12 +44,13 @@ class TangentMatrix:
         self._start = int(particles.global_index[0]) if owned else 0
         self._stop = self._start + owned
         entries = len(self._columns) * dim * dim
-        if entries > np.iinfo(PETSc.IntType).max or particles.count * dim > np.iinfo(PETSc.IntType).max:
-            raise InputError(
-                f"the assembled tangent has {entries:.3g} entries on one rank, more than this PETSc's "
-                f"{8 * np.dtype(PETSc.IntType).itemsize}-bit integers can count; use more ranks or a PETSc "
-                "configured with 64-bit indices"
-            )
+        with collective(particles.comm.tompi4py()):
+            if entries > np.iinfo(PETSc.IntType).max:
+                raise InputError(
+                    f"the assembled tangent has {entries:.3g} entries on one rank, more than this PETSc's "
+                    f"{8 * np.dtype(PETSc.IntType).itemsize}-bit integers can count; use more ranks or a PETSc "
+                    "configured with 64-bit indices"
+                )
         pattern = _scalar_pattern(self._offsets, self._columns, dim, np.dtype(PETSc.IntType).type(0))
         size = (owned * dim, particles.count * dim)
         self.mat = PETSc.Mat().createAIJ((size, size), bsize=dim, csr=pattern, comm=particles.comm)

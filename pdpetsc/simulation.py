@@ -26,6 +26,7 @@ from pdpetsc.solvers.linear import describe_linear_solver
 from pdpetsc.solvers.newton import Newton, NewtonRecord
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
+from pdpetsc.support import check_support
 from pdpetsc.timings import Timings
 
 _KEEP_COMMUNICATOR = PETSc.Vec().create(PETSc.COMM_WORLD)
@@ -76,20 +77,19 @@ class Simulation:
             self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
             loads = _loads(case, p, sets)
             self.assembler = Assembler(p, self.materials, loads, self.timings)
-        for probe in self.probes:
+        for k, probe in enumerate(self.probes):
             if not probe.reached:
-                raise InputError(f"probe {probe.name!r} lies outside the body")
+                raise InputError(
+                    f"probe.{k}: {probe.name!r} has a point more than a spacing away from every particle; "
+                    "does it lie outside the body or in a hole?"
+                )
         solver = case.solver
         nominal = solver.end_time / solver.steps
         self.schedule = Schedule(
             solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
             solver.max_step or nominal,
         )  # fmt: skip
-        if not self.comm.tompi4py().allreduce(int(self.assembler.constrained.sum())):
-            raise InputError(
-                "load: no displacement is prescribed, so the body can float away; "
-                "hold at least as many components as it has rigid motions"
-            )
+        check_support(p, self.families, self.assembler.constrained)
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
         self.newton = Newton(self.assembler)
@@ -122,6 +122,8 @@ class Simulation:
             failure = error
             if self.rows:
                 self.assembler.set_time(self.state.time)  # the loads of the last committed state again
+            else:
+                self.assembler.external[:] = 0
         for observer in self.observers:
             observer.finish(self)
         if failure:

@@ -12,7 +12,7 @@ from numba import njit
 from petsc4py import PETSc
 
 from pdpetsc.bonds import DualFamilies, Families
-from pdpetsc.exchange import reduce_sum, star_forest, swap
+from pdpetsc.exchange import reduce, star_forest, swap
 from pdpetsc.particles import Particles
 
 
@@ -39,7 +39,7 @@ class Sparsity:
 
     def reverse_add(self, blocks: np.ndarray) -> np.ndarray:
         """Add the ghost rows' blocks to their owners' and return the blocks of the owned rows."""
-        reduce_sum(self._forest, blocks, blocks)
+        reduce(self._forest, blocks, blocks)
         return blocks[: self.row_offsets[self.owned]]
 
 

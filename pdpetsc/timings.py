@@ -16,6 +16,8 @@ class Timings:
     @contextmanager
     def __call__(self, stage: str):
         start = time.perf_counter()
-        with PETSc.Log.Event(f"pd:{stage}"):
-            yield
-        self.seconds[stage] += time.perf_counter() - start
+        try:
+            with PETSc.Log.Event(f"pd:{stage}"):
+                yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - start

@@ -14,7 +14,7 @@ LONGEST = 350  # lines of a room
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
     ("errors", "expressions", "timings", "parallel", "options"),
-    ("body", "particles", "bonds", "exchange", "state"),
+    ("body", "particles", "bonds", "exchange", "support", "state"),
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
     ("assembly",),

@@ -75,6 +75,9 @@ def box(comm, body, keep, horizon) -> Points:
             kept = keep.mask(**coordinates(position, spacings))
             position, spacings = position[kept], spacings[kept]
         horizons = horizon(position, spacings)
+        if np.any(horizons <= 0):
+            where = ", ".join(f"{x:g}" for x in position[np.argmin(horizons)])
+            raise InputError(f"body.horizon: is {horizons.min():g} at ({where}); it must be greater than 0")
 
     n = len(position)
     offset = comm.scan(n) - n

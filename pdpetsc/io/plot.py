@@ -62,12 +62,13 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     if high - low < 1e-6 * max(abs(low), abs(high)):  # a uniform field: no colours for rounding errors
         marks.set_clim(low - 0.01 * abs(low), high + 0.01 * abs(high))
     bar = figure.colorbar(marks, ax=axes, shrink=0.8)
-    bar.set_label(name + (f" [{unit}]" if unit else ""))
+    bar.set_label(name + (f" [{unit}]" if unit else ""), parse_math=False)
     axes.set_xlabel(f"x [{summary['units']['length']}]")
     axes.set_ylabel(f"y [{summary['units']['length']}]" if dim > 1 else "")
     time = summary["steps"][-1]["time"]
     enlarged = "" if factor == 1.0 else f", displacements x {factor:.3g}"
-    axes.set_title(f"{summary['title'] or summary['case']}\nt = {time:g}{enlarged}", fontsize="medium")
+    title = f"{summary['title'] or summary['case']}\nt = {time:g}{enlarged}"
+    axes.set_title(title, fontsize="medium", parse_math=False)
     figure.savefig(directory / "result.png", dpi=150)
 
 

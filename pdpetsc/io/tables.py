@@ -16,10 +16,18 @@ def write_case(directory: Path, document: dict, command: str) -> None:
     (directory / "case.toml").write_text(f"{MARK}{command}\n{tomli_w.dumps(document)}", encoding="utf-8")
 
 
+FILES = {
+    "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png",
+    "checkpoint.h5", "checkpoint.h5.new",
+}  # fmt: skip
+"""All that a run leaves in its result directory."""
+
+
 def is_result(directory: Path) -> bool:
-    """Whether a directory was written by pdpetsc."""
+    """Whether a directory was written by pdpetsc and holds nothing else."""
     try:
-        return (directory / "case.toml").read_text(encoding="utf-8").startswith(MARK)
+        ours = (directory / "case.toml").read_text(encoding="utf-8").startswith(MARK)
+        return ours and {path.name for path in directory.iterdir()} <= FILES
     except (OSError, UnicodeDecodeError):
         return False
 

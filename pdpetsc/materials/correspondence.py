@@ -13,7 +13,7 @@ from pdpetsc.errors import InputError
 from pdpetsc.materials import correspondence_kernels as kernels
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.materials.elasticity import elastic_law
-from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, DEFAULT_STRENGTH, Stabilisation, control_modulus
+from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, Stabilisation, control_modulus
 
 SMALLEST_SHAPE = 1e-6
 """Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
@@ -27,7 +27,7 @@ class Correspondence(Material):
         weight: influence times partial-volume factor w beta of each bond [-].
         elasticity: name of the law P(F) ("hencky", "saint_venant_kirchhoff", "neo_hookean").
         young, poisson: E [force/area] and nu [-].
-        stabilisation: kind and strength of the zero-energy control.
+        stabilisation: the zero-energy control.
 
     Raises:
         InputError: a family whose bonds do not span the dimension (singular shape tensor K).
@@ -55,20 +55,17 @@ class Correspondence(Material):
         dim = X.shape[1]
         self._dim = kernels.dimension(dim)
 
-        xi = X[families.neighbours] - families.per_bond(X)
-        omega = weight * neighbourhood.volume[families.neighbours]
-        shape = np.add.reduceat(omega[:, None, None] * xi[:, :, None] * xi[:, None, :], families.offsets[:-1], axis=0)
+        n = len(families)
+        shape = np.zeros((n, dim, dim))
+        kernels.shape_tensors(self._dim, *self._bonds(), X, weight, self._volume, shape)
         _check_shape(shape, families, X)
-        inverse = np.linalg.inv(shape)
-        sizes = np.diff(families.offsets)
-        self._g = omega[:, None] * np.einsum("bpq,bq->bp", np.repeat(inverse, sizes, axis=0), xi)
-        self._g_center = -np.add.reduceat(self._g, families.offsets[:-1], axis=0)
-
-        softest = law.shear if dim > 1 else self.modulus
-        c = stabilisation.strength * control_modulus(softest, shape)
-        if stabilisation.kind == "none":
-            c = np.zeros(len(families))
-        self._spring = np.repeat(c, sizes) * omega
+        self._g, self._g_center = np.empty((families.bonds, dim)), np.empty((n, dim))
+        kernels.shape_gradients(
+            self._dim, *self._bonds(), X, weight, self._volume, np.linalg.inv(shape), self._g, self._g_center
+        )
+        delta = neighbourhood.horizon[families.center]
+        c = control_modulus(stabilisation, law.lame, law.shear, shape, delta, neighbourhood.thickness)
+        self._spring = np.repeat(c, np.diff(families.offsets)) * weight * self._volume[families.neighbours]
         self._affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
         self._own = np.full(len(X), -1, np.int32)
         self._own[families.center] = np.arange(len(families))
@@ -77,12 +74,17 @@ class Correspondence(Material):
     @classmethod
     def from_case(cls, spec, neighbourhood, weight):
         control = spec.stabilisation
-        strength = DEFAULT_STRENGTH[control.kind] if control.strength is None else control.strength
-        stabilisation = Stabilisation(control.kind, strength)
+        if control.strength is None:
+            stabilisation = Stabilisation(control.kind)
+        else:
+            stabilisation = Stabilisation(control.kind, control.strength, control.scale or "horizon")
         return cls(neighbourhood, weight, spec.elasticity, spec.E, spec.nu, stabilisation)
 
+    def _bonds(self):
+        return self.families.center, self.families.offsets, self.families.neighbours
+
     def _family_arrays(self):
-        return self.families.center, self.families.offsets, self.families.neighbours, self._g
+        return *self._bonds(), self._g
 
     def add_force(self, u, force):
         kernels.add_force(

@@ -22,6 +22,37 @@ def dimension(dim: int) -> tuple[int, ...]:
 
 
 @njit(cache=True)
+def shape_tensors(D, center, offsets, neighbours, X, weight, volume, shape):
+    """K = sum w beta V_j xi (x) xi of each family (seed 004 Eq. 3.19)."""
+    dim = len(D)
+    for f in range(len(center)):
+        i = center[f]
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            omega = weight[b] * volume[j]
+            for p in range(dim):
+                for q in range(dim):
+                    shape[f, p, q] += omega * (X[j, p] - X[i, p]) * (X[j, q] - X[i, q])
+
+
+@njit(cache=True)
+def shape_gradients(D, center, offsets, neighbours, X, weight, volume, inverse, g, g_center):
+    """g = w beta V_j K^-1 xi of each bond and g_center = -sum g of each family, with the inverse shape tensors."""
+    dim = len(D)
+    for f in range(len(center)):
+        i = center[f]
+        g_center[f] = 0.0
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            for p in range(dim):
+                value = 0.0
+                for q in range(dim):
+                    value += inverse[f, p, q] * (X[j, q] - X[i, q])
+                g[b, p] = weight[b] * volume[j] * value
+                g_center[f, p] -= g[b, p]
+
+
+@njit(cache=True)
 def gradient(D, f, center, offsets, neighbours, g, u, H):
     """H = sum eta (x) g of family f."""
     dim = len(D)
@@ -77,23 +108,27 @@ def add_force(D, law, center, offsets, neighbours, g, spring, affine, volume, u,
 
 @njit(cache=True)
 def add_force_scale(D, modulus, center, offsets, neighbours, g, spring, volume, u, scale):
-    """Sizes of the terms that cancel in `add_force`, with the stress bounded by modulus |H|."""
-    dim = len(D)
-    H = np.empty((dim, dim))
+    """Sizes of the terms that cancel in `add_force`: each bond with (|u_i| + |u_j|) for eta, stress as modulus |H|."""
     for f in range(len(center)):
         i = center[f]
-        gradient(D, f, center, offsets, neighbours, g, u, H)
-        stress = modulus * np.sqrt((H * H).sum())
+        stress = 0.0
+        for b in range(offsets[f], offsets[f + 1]):
+            stress += modulus * length(D, g, b) * (length(D, u, i) + length(D, u, neighbours[b]))
         for b in range(offsets[f], offsets[f + 1]):
             j = neighbours[b]
-            length = 0.0
-            eta = 0.0
-            for p in range(dim):
-                length += g[b, p] ** 2
-                eta += (u[j, p] - u[i, p]) ** 2
-            term = volume[i] * (stress * np.sqrt(length) + spring[b] * np.sqrt(eta))
+            size = length(D, u, i) + length(D, u, j)
+            term = volume[i] * (stress * length(D, g, b) + spring[b] * size)
             scale[j] += term
             scale[i] += term
+
+
+@njit(cache=True)
+def length(D, vectors, k):
+    """Euclidean norm of vector k."""
+    square = 0.0
+    for p in range(len(D)):
+        square += vectors[k, p] ** 2
+    return np.sqrt(square)
 
 
 @njit(cache=True)

@@ -9,14 +9,21 @@ with a = 1 for `silling` and 0 for `spring`. Since sum_j w_j |eta_j - H xi_j|^2 
 first is the energy of the non-affine part z = y - F xi alone (seed 004 Eq. 5.12, 5.16; T_z = c w z because
 sum_j w_j z_j (x) xi_j = 0, Eq. 5.17), and affine fields stay free of it.
 
-    c_i = G mu / lambda_max(K_i)        [force/length^7; lambda_max: largest eigenvalue of the shape tensor K_i]
+Its modulus c_i [force/length^7] is a strength G times one of two scales:
 
-with the modulus mu of the softest wave (lambda + 2 mu in 1D, where there is no shear), so that one strength G serves
+    "family":   c_i = G mu / lambda_max(K_i)           lambda_max: largest eigenvalue of the shape tensor K_i
+
+with the modulus mu of the softest wave (lambda + 2 mu in 1D, where there is no shear), so that one strength serves
 every dimension, Poisson's ratio, influence function and horizon. In the bulk, with m_p = sum_j w_j xi_1^p, F softens a
 shear wave by 1 - k^2 m_4/(3 m_2) and the control gives back G k^2 m_4/(4 m_2): whatever the family, G = 4/3 is exact to
-fourth order, and G = 1 takes nearest neighbours to the classical difference stencil. docs/theory/stabilisation.md has
-the derivation and says why 1 is the default. (Seed 004 Eq. 5.12-5.14 has c_i = G 12 K'/(pi h delta^4 omega_0): there
-the best G changes with horizon, Poisson's ratio and, through omega_0, with the unit of length.)
+fourth order, and G = 1 takes nearest neighbours to the classical difference stencil. A case that names no strength
+gets this scale with G = 1; docs/theory/stabilisation.md has the derivation and says why.
+
+    "horizon":  c_i = G C_delta,  C_delta = 18 K/(pi delta^5) in 3D, 12 K'/(pi h delta^4) in 2D, 2 M/(A delta^3) in 1D
+
+the micromodulus of the bond-based solid, in which the literature counts G (seed 004 Eq. 5.12-5.14 divides it by omega_0
+besides, and with that G depends on the unit of length). The best G then changes with the horizon, Poisson's ratio and
+the problem. This is what a strength in the case file means, unless it names the other scale.
 """
 
 from typing import NamedTuple
@@ -26,17 +33,25 @@ import numpy as np
 AFFINE_PART_REMOVED = {"none": 0.0, "spring": 0.0, "silling": 1.0}
 """a of the energy above. `spring` is seed 004 Eq. 3.41: not objective, no patch test, for comparison only."""
 
-DEFAULT_STRENGTH = {"none": 0.0, "spring": 0.1, "silling": 1.0}
-"""G where the case gives none; nothing here needs tuning (docs/theory/stabilisation.md)."""
-
 
 class Stabilisation(NamedTuple):
-    """Zero-energy control: its kind and its dimensionless strength G."""
+    """Zero-energy control: its kind, its dimensionless strength G and the scale in which G counts."""
 
     kind: str
-    strength: float
+    strength: float = 1.0
+    scale: str = "family"
 
 
-def control_modulus(softest: float, shape: np.ndarray) -> np.ndarray:
-    """c_i / G of families with shape tensors (n, dim, dim), by the modulus of the softest wave [force/length^7]."""
-    return softest / np.linalg.eigvalsh(shape)[:, -1]
+def control_modulus(
+    control: Stabilisation, lame: float, shear: float, shape: np.ndarray, horizon: np.ndarray, thickness: float
+) -> np.ndarray:
+    """c_i of families with shape tensors (n, dim, dim) and horizons (n,) [force/length^7]."""
+    dim = shape.shape[-1]
+    if control.kind == "none":
+        return np.zeros(len(shape))
+    if control.scale == "family":
+        softest = shear if dim > 1 else lame + 2 * shear
+        return control.strength * softest / np.linalg.eigvalsh(shape)[:, -1]
+    bulk = lame + 2 * shear / dim  # n-dimensional: in 2D E / (2 (1 + nu)(1 - 2 nu)), seed 004 Eq. 5.14
+    factor = {1: 2 / thickness, 2: 12 / (np.pi * thickness), 3: 18 / np.pi}[dim]
+    return control.strength * factor * bulk / horizon ** (dim + 2)

@@ -137,10 +137,23 @@ class ParticleSet(Table):
 
 
 class Stabilisation(Table):
-    """Control of zero-energy modes; without a strength, the default of its kind."""
+    """Control of zero-energy modes; without a strength, the one that needs no tuning."""
 
     kind: Literal["none", "spring", "silling"]
     strength: Annotated[float, Field(ge=0)] | None = None
+    scale: Literal["horizon", "family"] | None = None
+
+    @model_validator(mode="after")
+    def _check(self):
+        if self.scale and self.strength is None:
+            raise ValueError("scale goes with strength")
+        return self
+
+
+def _plane(value: Any) -> Any:
+    if value == "stress":
+        raise ValueError("plane stress is not available for correspondence materials yet; only 'strain' is")
+    return value
 
 
 class Material(Table):
@@ -150,7 +163,7 @@ class Material(Table):
     E: Positive
     nu: Annotated[float, Field(gt=-1, lt=0.5)]
     density: Positive | None = None
-    plane: Literal["strain"] = "strain"
+    plane: Annotated[Literal["strain"], BeforeValidator(_plane)] = "strain"
     elasticity: Literal["hencky", "saint_venant_kirchhoff", "neo_hookean"] = "hencky"
     influence: Literal["constant", "inverse", "linear", "cubic", "gaussian"] = "constant"
     stabilisation: Stabilisation = Stabilisation(kind="silling")
@@ -279,11 +292,23 @@ class Expect(Table):
         return self
 
 
+SUMMARY = ("probes", "steps", "energies", "balance", "particles", "bonds", "timings", "peak_memory_mb")
+"""Entries of summary.json that hold numbers."""
+HISTORY = (
+    "step", "time", "load_factor", "newton_iterations", "linear_iterations", "residual_scale", "relative_residual",
+    "rounding_floor", "broken_bonds", "passes", "seconds",
+)  # fmt: skip
+"""Columns of history.csv before the probes."""
+
+
 def _different_names(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
     names = [probe.name for probe in probes]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise ValueError(f"two probes have the name {twice[0]!r}")
+    taken = [name for name in names if name in HISTORY]
+    if taken:
+        raise ValueError(f"a probe cannot be called {taken[0]!r}: that is a column of history.csv already")
     return probes
 
 
@@ -291,6 +316,9 @@ def _of_known_probes(expectations: tuple[Expect, ...], info: ValidationInfo) -> 
     names = [probe.name for probe in info.data.get("probe", ())]
     for expectation in expectations if "probe" in info.data else ():
         head, _, name = expectation.value.partition(".")
+        if head not in SUMMARY:
+            choices = f"choices begin with {', '.join(SUMMARY)}"
+            raise ValueError(f"{expectation.value!r} names nothing in summary.json{hint(head, SUMMARY)}; {choices}")
         if head == "probes" and name.partition(".")[0] not in names:
             choices = f"choices: {', '.join(names) or 'none'}"
             raise ValueError(f"{expectation.value!r} names no probe{hint(name, names)}; {choices}")

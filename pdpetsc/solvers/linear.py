@@ -32,8 +32,10 @@ def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | floa
         if chosen.get("pc_factor_mat_solver_type") == "mumps":
             defaults["mat_mumps_icntl_14"] = 50  # room for fill-in by pivoting [%]
     else:
-        defaults |= {"ksp_type": "cg" if symmetric else "gmres", "ksp_rtol": 1e-8, "ksp_max_it": 2000}
-        defaults["ksp_norm_type"] = "unpreconditioned"
+        defaults |= {"ksp_rtol": 1e-8, "ksp_max_it": 2000}
+        if "ksp_type" not in given:
+            defaults |= {"ksp_type": "cg" if symmetric else "gmres", "ksp_norm_type": "unpreconditioned"}
+            defaults["ksp_pc_side"] = "left" if symmetric else "right"
         if chosen["pc_type"] == "gamg":
             defaults["pc_gamg_reuse_interpolation"] = "true"  # the tangent changes little between iterations
     return defaults

@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from pdpetsc import options
 from pdpetsc.assembly import Assembler
+from pdpetsc.errors import InputError
 from pdpetsc.solvers.linear import default_options, describe_linear_solver
 
 DEFAULTS = {
@@ -24,8 +25,6 @@ its rounding error (those of a body that floats away)."""
 
 NOT_A_NUMBER = -4
 """SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
-
-_REASONS = {value: name for name, value in vars(PETSc.SNES.ConvergedReason).items() if isinstance(value, int) and value}
 
 
 class StepFailed(Exception):
@@ -72,7 +71,10 @@ class Newton:
         snes.setFunction(assembler.residual, assembler.vector())
         snes.setJacobian(assembler.tangent, self._matrix, self._matrix)
         snes.setConvergenceTest(self._converged)
-        snes.setFromOptions()
+        try:
+            snes.setFromOptions()
+        except PETSc.Error as error:
+            raise InputError(f"[petsc] or command line: PETSc refuses an option (its error {error.ierr})") from None
         self._record = NewtonRecord()
 
     def advance(self, u: np.ndarray, time: float) -> tuple[np.ndarray, NewtonRecord]:
@@ -95,6 +97,8 @@ class Newton:
         record.linear_iterations += self.snes.getLinearSolveIterations()
         record.newton_iterations = 1 + self.snes.getIterationNumber()
         record.residual_scale = self._assembler.residual_scale()
+        if not record.residual_norms:  # a convergence test of the user's choice, or none
+            record.residual_norms.append(self.snes.getFunctionNorm())
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._at_rounding_floor(self._x):
             record.rounding_floor, reason = True, 1
         record.seconds = clock.perf_counter() - start
@@ -149,16 +153,21 @@ class Newton:
 
     def _failure(self, reason: int) -> StepFailed:
         """What to raise for SNES's reason; a preconditioner that failed is made anew at the next step."""
-        name = _REASONS.get(reason, str(reason))
+        name = _name(PETSc.SNES.ConvergedReason, reason)
         if reason == NOT_A_NUMBER:
-            return StepFailed(f"{name}: a deformation gradient is inverted (smaller steps, more stabilisation)")
+            return StepFailed(f"{name}: the residual is not finite, as when a deformation gradient is inverted")
         if reason != PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:
             return StepFailed(name)
         ksp = self.snes.getKSP()
-        text = f"{name}: KSP reason {ksp.getConvergedReason()} of {describe_linear_solver(ksp)}"
-        if ksp.getType() == "preonly":
-            text += "; the tangent is singular: is the body held against all rigid motions?"
-        else:
-            text += "; -pc_type cholesky or lu is surer"
+        reasons = PETSc.KSP.ConvergedReason
+        text = f"{name}: {describe_linear_solver(ksp)} ended with {_name(reasons, ksp.getConvergedReason())}"
+        if ksp.getConvergedReason() in (reasons.DIVERGED_INDEFINITE_MAT, reasons.DIVERGED_INDEFINITE_PC):
+            ksp.setType(PETSc.KSP.Type.GMRES)
+            text += "; the tangent is indefinite (buckling?), so gmres takes over"
         ksp.reset()
         return StepFailed(text)
+
+
+def _name(reasons: type, value: int) -> str:
+    """PETSc's name of a converged reason."""
+    return next((name for name, number in vars(reasons).items() if number == value), str(value))

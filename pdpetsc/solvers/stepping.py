@@ -67,7 +67,7 @@ def march(
         ConvergenceError: a step failed and may not be cut further.
     """
     while not schedule.finished(state.time):
-        size = state.step_size or schedule.nominal
+        size = min(state.step_size or schedule.nominal, schedule.largest)
         target = schedule.target(state.time, size)
         try:
             u, record = newton.advance(state.u, target)
@@ -83,5 +83,5 @@ def march(
             state.step_size = size
             continue
         state.u, state.time, state.step = u, target, state.step + 1
-        state.step_size = min(size * 2, schedule.largest) if record.newton_iterations <= EASY else size
+        state.step_size = 2 * size if schedule.adaptive and record.newton_iterations <= EASY else size
         commit(state, record)

@@ -142,10 +142,13 @@ BAD = {
         "load.1.value: 't * log(11.2 - X)' is nan at X = 11.5",
     ),
     "load of no number at the end": (changed(CANTILEVER, load__1__value="1 / (1 - t)"), "load.1.value"),
-    "probe outside": (changed(CANTILEVER, probe__3__at=[30.0, 1.5]), "probe 'stress' lies outside the body"),
+    "probe outside": (
+        changed(CANTILEVER, probe__3__at=[30.0, 1.5]),
+        "probe.3: 'stress' has a point more than a spacing away",
+    ),
     "line that leaves the body": (
         changed(CANTILEVER, probe__2__line=[[0.5, 1.5], [30.0, 1.5], 7]),
-        "probe 'axis' lies outside the body",
+        "probe.2: 'axis' has a point more than a spacing away",
     ),
     "two materials in a place": (
         changed(CANTILEVER, material__steel={"model": "correspondence", "E": 9.0, "nu": 0.2, "where": "end"}),
@@ -243,12 +246,21 @@ def test_energy_is_the_work_of_the_load(run):
 def test_an_earlier_result_is_replaced_whole(comm, run):
     first = run(changed(CANTILEVER, solver__steps=3))
     if comm.rank == 0:
-        (first.out / "notes.txt").write_text("of the earlier run")
+        (first.out / "result.png").write_text("of the earlier run")
     comm.Barrier()
     second = run(CANTILEVER)
     assert second.code == 0
-    assert not (second.out / "notes.txt").exists()
     assert len(second.summary["steps"]) == 2
+    assert (second.out / "result.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_result_with_notes_in_it_is_kept(comm, run):
+    first = run(CANTILEVER)
+    if comm.rank == 0:
+        (first.out / "notes.txt").write_text("mine")
+    comm.Barrier()
+    assert run(CANTILEVER).code == 2
+    assert (first.out / "notes.txt").exists()
 
 
 @pytest.mark.parametrize("kind", ("directory", "file"))
@@ -265,7 +277,7 @@ def test_what_is_not_ours_is_not_replaced(comm, run, shared_tmp_path, kind):
     assert result.code == 2
     if comm.rank == 0:
         assert kept.read_text() == "Abstract"
-        assert "exists and is no result of pdpetsc" in result.errors
+        assert "holds more than a result of pdpetsc" in result.errors
 
 
 def test_an_empty_directory_is_taken(comm, run, shared_tmp_path):
@@ -376,11 +388,38 @@ def test_floating_body(run):
     assert result.code == 2
 
 
-def test_body_that_can_slide(run):
-    """Held along x only, it slides away along y: no convergence, although that raises the rounding error."""
-    pin = {"kind": "displacement", "set": "end", "component": "x", "value": 0.0}
+@pytest.mark.parametrize("component, motion", (("x", "a translation along y"), ("y", "a translation along x")))
+def test_body_that_can_slide(comm, run, component, motion):
+    pin = {"kind": "displacement", "set": "end", "component": component, "value": 0.0}
     result = run(changed(CANTILEVER, load=[pin, CANTILEVER["load"][1]], solver__steps=1))
-    assert result.code == 3
+    assert result.code == 2
+    assert comm.rank or f"the body is not held: {motion}" in result.errors
+
+
+def test_body_that_can_turn(comm, run):
+    pin = {"kind": "displacement", "set": "tip", "component": "all", "value": 0.0}
+    result = run(changed(CANTILEVER, load=[pin, CANTILEVER["load"][1]]))
+    assert result.code == 2
+    assert comm.rank or "a rotation in the xy plane" in result.errors
+
+
+def test_island(comm, run):
+    """A piece that a gap cuts off is not held, whatever holds the rest."""
+    result = run(changed(CANTILEVER, body__keep="X < 4 or X > 6.9", load=CANTILEVER["load"][:1]))
+    assert result.code == 2
+    assert comm.rank or "a piece of 15 particles around (9.5, 1.5) is not held" in result.errors
+
+
+def test_far_from_home(run):
+    """A rigid motion by many sizes of the body leaves a rounding error that is recognised."""
+    loads = [
+        {"kind": "displacement", "set": "clamp", "component": "x", "value": "1e3 * t"},
+        {"kind": "displacement", "set": "clamp", "component": "y", "value": 0.0},
+        {"kind": "displacement", "set": "end", "component": "x", "value": "(1e3 + 1e-4) * t"},
+    ]
+    result = run(changed(CANTILEVER, load=loads, solver__steps=1))
+    assert result.code == 0
+    assert result.summary["steps"][-1]["rounding_floor"]
 
 
 def test_later_loads_hold_where_sets_overlap(run):

@@ -1,0 +1,102 @@
+"""Whether a body is held: rigid motions that no constraint stops would make the tangent singular."""
+
+import numpy as np
+from mpi4py import MPI
+from numba import njit
+
+from pdpetsc.bonds import Families
+from pdpetsc.errors import InputError
+from pdpetsc.particles import Particles
+
+SMALLEST_HOLD = 1e-12
+"""Eigenvalue of the constraints' hold on rigid motions, relative to the largest, below which a motion is free."""
+
+
+def check_support(particles: Particles, families: Families, constrained: np.ndarray) -> None:
+    """Raise where a piece of the body can move rigidly (collective, on all ranks alike).
+
+    For every piece that bonds hold together, the rigid motions m_k (translations, rotations about its centre) are
+    looked at on its constrained entries c: the Gram matrix sum_c m_k(c) m_l(c) is singular if a combination of them
+    moves no constrained entry.
+
+    Args:
+        particles, families: of the whole body.
+        constrained: (owned, dim) mask of prescribed displacements.
+
+    Raises:
+        InputError: naming the piece and its free motion.
+    """
+    mpi, n = particles.comm.tompi4py(), particles.owned
+    piece = pieces(particles, families)[:n]
+    heads = np.unique(np.concatenate(mpi.allgather(np.unique(piece))))
+    piece = np.searchsorted(heads, piece)
+    X = particles.position[:n]
+    sums = np.zeros((len(heads), particles.dim + 1))
+    np.add.at(sums, piece, np.concatenate([X, np.ones((n, 1))], axis=1))
+    sums = mpi.allreduce(sums)
+    centre = sums[:, :-1] / sums[:, -1:]
+    size = max(mpi.allreduce(float(np.abs(X - centre[piece]).max(initial=0.0)), MPI.MAX), 1e-300)
+    modes, names = rigid_motions((X - centre[piece]) / size)
+    held = np.where(constrained[..., None], modes, 0.0)
+    gram = np.zeros((len(heads), len(names), len(names)))
+    np.add.at(gram, piece, np.einsum("ndk,ndl->nkl", held, held))
+    values, vectors = np.linalg.eigh(mpi.allreduce(gram))
+    loose = np.flatnonzero(values[:, 0] <= SMALLEST_HOLD * np.maximum(values[:, -1], 1.0))
+    if len(loose):
+        motion = names[int(np.abs(vectors[loose[0], :, 0]).argmax())]
+        where = ", ".join(f"{x:g}" for x in centre[loose[0]])
+        what = "the body" if len(heads) == 1 else f"a piece of {int(sums[loose[0], -1])} particles around ({where})"
+        raise InputError(
+            f"load: {what} is not held: {motion} meets no prescribed displacement; hold it with [[load]] of kind "
+            "displacement" + ("" if len(heads) == 1 else ", or remove the piece with body.keep")
+        )
+
+
+def rigid_motions(X: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Displacements (n, dim, motions) of translations and of rotations about the origin, and their names."""
+    dim = X.shape[1]
+    modes, names = [], []
+    for k in range(dim):
+        modes.append(np.broadcast_to(np.eye(dim)[k], X.shape))
+        names.append(f"a translation along {'xyz'[k]}")
+    for a in range(dim):
+        for b in range(a + 1, dim):
+            mode = np.zeros(X.shape)
+            mode[:, a], mode[:, b] = -X[:, b], X[:, a]
+            modes.append(mode)
+            names.append(f"a rotation in the {'xyz'[a]}{'xyz'[b]} plane")
+    return np.stack(modes, axis=-1), names
+
+
+def pieces(particles: Particles, families: Families) -> np.ndarray:
+    """For every local particle the lowest id of the piece, connected by bonds, that it belongs to (collective)."""
+    mpi, exchange = particles.comm.tompi4py(), particles.exchange
+    label = particles.id.astype(np.int64)
+    while True:
+        before = label.copy()
+        _spread(families.center, families.offsets, families.neighbours, label)
+        exchange.forward(exchange.reverse_minimum(label))
+        if not mpi.allreduce(int(np.any(label != before))):
+            return label
+
+
+@njit(cache=True)
+def _spread(center, offsets, neighbours, label):
+    """Lower the labels of bonded particles to their minimum until nothing changes on this rank."""
+    changed = True
+    while changed:
+        changed = False
+        for sweep in range(2):  # forth and back: a front of labels crosses the body in one sweep
+            for k in range(len(center)):
+                f = k if sweep == 0 else len(center) - 1 - k
+                i = center[f]
+                lowest = label[i]
+                for b in range(offsets[f], offsets[f + 1]):
+                    lowest = min(lowest, label[neighbours[b]])
+                for b in range(offsets[f], offsets[f + 1]):
+                    if label[neighbours[b]] > lowest:
+                        label[neighbours[b]] = lowest
+                        changed = True
+                if label[i] > lowest:
+                    label[i] = lowest
+                    changed = True
