@@ -43,7 +43,11 @@ def check_support(particles: Particles, families: Families, constrained: np.ndar
     values, vectors = np.linalg.eigh(mpi.allreduce(gram))
     loose = np.flatnonzero(values[:, 0] <= SMALLEST_HOLD * np.maximum(values[:, -1], 1.0))
     if len(loose):
-        motion = names[int(np.abs(vectors[loose[0], :, 0]).argmax())]
+        share = np.abs(vectors[loose[0], :, 0])
+        turns = np.flatnonzero(
+            share[particles.dim :] > 1e-6
+        )  # a rotation about any point contains one about the centre
+        motion = names[particles.dim + int(turns[0]) if len(turns) else int(share.argmax())]
         where = ", ".join(f"{x:g}" for x in centre[loose[0]])
         what = "the body" if len(heads) == 1 else f"a piece of {int(sums[loose[0], -1])} particles around ({where})"
         raise InputError(

@@ -42,20 +42,23 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     name, unit = LABELS[field]
     unit = unit.format(**summary["units"])
     if dim == 3:
-        figure = Figure(figsize=(7, 5.5))
-        figure.subplots_adjust(left=0.02, right=0.92, bottom=0.06, top=0.92)
+        figure = Figure(figsize=(7.5, 6))
+        figure.subplots_adjust(left=0.05, right=0.9, bottom=0.1, top=0.9)
         axes = figure.add_subplot(projection="3d")
         marks = _cubes(axes, position, x, shape, summary["spacing"], values)
         axes.set_zlabel(f"z [{summary['units']['length']}]")
     else:
-        figure = Figure(figsize=(9, 5), layout="constrained")
+        width, height = np.ptp(x[:, :2], axis=0)
+        across = 7.0 if dim == 1 or width > height else max(5.5 * width / height, 1.5)  # of the axes, in inches
+        upright = 0.8 if dim == 1 else max(across * height / width, 0.8)
+        figure = Figure(figsize=(across + 2, upright + 1.5), layout="constrained")
         axes = figure.add_subplot()
         marks = (
             _squares(axes, x, shape, summary["spacing"], values)
             if dim == 2
             else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
         )
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal")
         if dim == 1:
             axes.set_yticks([])
     low, high = float(values.min()), float(values.max())
