@@ -81,12 +81,25 @@ def tangent_sparsity(particles: Particles, parts: list[tuple[Families, DualFamil
 
 def _local_columns(particles: Particles, global_columns: np.ndarray) -> np.ndarray:
     """Local particles of global block columns, -1 where there is none."""
-    order = np.argsort(particles.global_index)
-    known = particles.global_index[order]
-    place = np.minimum(np.searchsorted(known, global_columns), max(len(known) - 1, 0))
-    if not len(known):
-        return np.empty(0, np.int32)
-    return np.where(known[place] == global_columns, order[place], -1).astype(np.int32)
+    owned = particles.owned
+    start = int(particles.global_index[0]) if owned else 0
+    order = np.argsort(particles.global_index[owned:])
+    return _look_up(global_columns, start, owned, particles.global_index[owned:][order], order + owned)
+
+
+@njit(cache=True)
+def _look_up(global_columns, start, owned, known, local):
+    """Owned columns are contiguous; the others are looked for among the `known` ghosts."""
+    columns = np.empty(len(global_columns), np.int32)
+    for k in range(len(global_columns)):
+        wanted = global_columns[k]
+        if start <= wanted < start + owned:
+            columns[k] = wanted - start
+        else:
+            place = np.searchsorted(known, wanted)
+            found = place < len(known) and known[place] == wanted
+            columns[k] = local[place] if found else -1
+    return columns
 
 
 def _rows(local: int, parts) -> tuple[np.ndarray, np.ndarray]:
