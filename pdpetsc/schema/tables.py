@@ -1,25 +1,19 @@
 """The tables of a case file, one model for each; their fields are the keys."""
 
-from itertools import product
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PlainValidator,
     Strict,
-    ValidationInfo,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
-from pdpetsc.expressions import hint
+from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
+from pdpetsc.schema.table import Table, error_at, exactly_one
 from pdpetsc.schema.values import (
-    AXES,
-    RANKS,
     Axes,
     Condition,
     Count,
@@ -38,33 +32,6 @@ from pdpetsc.schema.values import (
     unit_normal,
     zeros_if_missing,
 )
-
-
-def error_at(key: str, message: str) -> PydanticCustomError:
-    """Return an error of one entry, found by a validator of the whole table."""
-    return PydanticCustomError("at_key", "{message}", {"message": message, "key": key})
-
-
-class Table(BaseModel):
-    """What all tables have in common: unknown keys and wrong types are errors, and nothing changes afterwards."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-    used_before: ClassVar[tuple[str, ...]] = ()  # keys that are gone when the table is validated
-
-    @model_validator(mode="before")
-    @classmethod
-    def _only_known_keys(cls, table: Any) -> Any:
-        """Report an unknown key before the keys that are then missing, and name the choices."""
-        for key in table if isinstance(table, dict) else ():
-            if key not in cls.model_fields:
-                choices = [*cls.model_fields, *cls.used_before]
-                raise error_at(key, f"unknown key{hint(key, choices)}; choices: {', '.join(choices)}")
-        return table
-
-
-def _exactly_one(table: Table, *keys: str) -> None:
-    if sum(getattr(table, key) is not None for key in keys) != 1:
-        raise ValueError(f"needs exactly one of {', '.join(keys)}")
 
 
 class Units(Table):
@@ -88,7 +55,7 @@ class Horizon(Table):
 
     @model_validator(mode="after")
     def _check(self):
-        _exactly_one(self, "factor", "length")
+        exactly_one(self, "factor", "length")
         if self.factor and not self.factor.names and self.factor() <= 1:
             raise ValueError("must be greater than 1: it is a factor of the spacing")
         if self.length and not self.length.names and self.length() <= 0:
@@ -132,7 +99,7 @@ class ParticleSet(Table):
 
     @model_validator(mode="after")
     def _check(self):
-        _exactly_one(self, "where", "nearest")
+        exactly_one(self, "where", "nearest")
         return self
 
 
@@ -244,87 +211,6 @@ class Output(Table):
     picture: FieldName = "u"
 
 
-class Probe(Table):
-    """A number, or a few, that is followed at a point, along a line or over a set."""
-
-    name: Name
-    field: FieldName
-    component: str | None = None
-    at: Vector | None = None
-    line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2)]], Strict(False)] | None = None
-    set: SetName | None = None
-    reduce: Literal["sum", "mean", "min", "max", "error"] | None = None
-    exact: formula("t") | None = None
-
-    @model_validator(mode="after")
-    def _check(self, info: ValidationInfo):
-        _exactly_one(self, "at", "line", "set")
-        rank = RANKS[self.field]
-        names = ["".join(axes) for axes in product(AXES if rank == 2 else AXES[: info.context.dim], repeat=rank)] + [
-            "magnitude"
-        ]
-        if self.component is not None and (rank == 0 or self.component not in names):
-            choices = f"choices: {', '.join(names)}" if rank else "it is a scalar"
-            raise ValueError(f"field {self.field} has no component {self.component!r}; {choices}")
-        if (self.set is None) != (self.reduce is None):
-            raise ValueError("set and reduce go together")
-        if (self.reduce == "error") != (self.exact is not None):
-            raise ValueError("reduce = 'error' and exact go together")
-        if self.reduce == "error" and rank > 0 and self.component is None:
-            raise ValueError("reduce = 'error' needs a component")
-        return self
-
-
-class Expect(Table):
-    """What a value of summary.json must come to, and where the number is from."""
-
-    value: str
-    equals: float | Annotated[tuple[float, ...], Strict(False)] | None = None
-    below: float | None = None
-    above: float | None = None
-    rtol: Annotated[float, Field(ge=0)] = 0.0
-    atol: Annotated[float, Field(ge=0)] = 0.0
-    source: str
-
-    @model_validator(mode="after")
-    def _check(self):
-        _exactly_one(self, "equals", "below", "above")
-        return self
-
-
-SUMMARY = ("probes", "steps", "energies", "balance", "particles", "bonds", "timings", "peak_memory_mb")
-"""Entries of summary.json that hold numbers."""
-HISTORY = (
-    "step", "time", "load_factor", "newton_iterations", "linear_iterations", "residual_scale", "relative_residual",
-    "rounding_floor", "broken_bonds", "passes", "seconds",
-)  # fmt: skip
-"""Columns of history.csv before the probes."""
-
-
-def _different_names(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
-    names = [probe.name for probe in probes]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise ValueError(f"two probes have the name {twice[0]!r}")
-    taken = [name for name in names if name in HISTORY]
-    if taken:
-        raise ValueError(f"a probe cannot be called {taken[0]!r}: that is a column of history.csv already")
-    return probes
-
-
-def _of_known_probes(expectations: tuple[Expect, ...], info: ValidationInfo) -> tuple[Expect, ...]:
-    names = [probe.name for probe in info.data.get("probe", ())]
-    for expectation in expectations if "probe" in info.data else ():
-        head, _, name = expectation.value.partition(".")
-        if head not in SUMMARY:
-            choices = f"choices begin with {', '.join(SUMMARY)}"
-            raise ValueError(f"{expectation.value!r} names nothing in summary.json{hint(head, SUMMARY)}; {choices}")
-        if head == "probes" and name.partition(".")[0] not in names:
-            choices = f"choices: {', '.join(names) or 'none'}"
-            raise ValueError(f"{expectation.value!r} names no probe{hint(name, names)}; {choices}")
-    return expectations
-
-
 class Description(Table):
     """A whole case file, after a variant and overrides have been merged into it."""
 
@@ -338,6 +224,6 @@ class Description(Table):
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Solver = Solver()
     output: Output = Output()
-    probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(_different_names)] = ()
-    expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(_of_known_probes)] = ()
+    probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
+    expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
     petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}

@@ -1,0 +1,104 @@
+"""The tables of what is followed and of what must come out."""
+
+from itertools import product
+from typing import Annotated, Literal
+
+from pydantic import (
+    Field,
+    Strict,
+    ValidationInfo,
+    model_validator,
+)
+
+from pdpetsc.expressions import hint
+from pdpetsc.schema.table import Table, exactly_one
+from pdpetsc.schema.values import (
+    AXES,
+    RANKS,
+    FieldName,
+    Name,
+    SetName,
+    Vector,
+    formula,
+)
+
+
+class Probe(Table):
+    """A number, or a few, that is followed at a point, along a line or over a set."""
+
+    name: Name
+    field: FieldName
+    component: str | None = None
+    at: Vector | None = None
+    line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2)]], Strict(False)] | None = None
+    set: SetName | None = None
+    reduce: Literal["sum", "mean", "min", "max", "error"] | None = None
+    exact: formula("t") | None = None
+
+    @model_validator(mode="after")
+    def _check(self, info: ValidationInfo):
+        exactly_one(self, "at", "line", "set")
+        rank = RANKS[self.field]
+        names = ["".join(axes) for axes in product(AXES if rank == 2 else AXES[: info.context.dim], repeat=rank)] + [
+            "magnitude"
+        ]
+        if self.component is not None and (rank == 0 or self.component not in names):
+            choices = f"choices: {', '.join(names)}" if rank else "it is a scalar"
+            raise ValueError(f"field {self.field} has no component {self.component!r}; {choices}")
+        if (self.set is None) != (self.reduce is None):
+            raise ValueError("set and reduce go together")
+        if (self.reduce == "error") != (self.exact is not None):
+            raise ValueError("reduce = 'error' and exact go together")
+        if self.reduce == "error" and rank > 0 and self.component is None:
+            raise ValueError("reduce = 'error' needs a component")
+        return self
+
+
+class Expect(Table):
+    """What a value of summary.json must come to, and where the number is from."""
+
+    value: str
+    equals: float | Annotated[tuple[float, ...], Strict(False)] | None = None
+    below: float | None = None
+    above: float | None = None
+    rtol: Annotated[float, Field(ge=0)] = 0.0
+    atol: Annotated[float, Field(ge=0)] = 0.0
+    source: str
+
+    @model_validator(mode="after")
+    def _check(self):
+        exactly_one(self, "equals", "below", "above")
+        return self
+
+
+SUMMARY = ("probes", "steps", "energies", "balance", "particles", "bonds", "timings", "peak_memory_mb")
+"""Entries of summary.json that hold numbers."""
+HISTORY = (
+    "step", "time", "load_factor", "newton_iterations", "linear_iterations", "residual_scale", "relative_residual",
+    "rounding_floor", "broken_bonds", "passes", "seconds",
+)  # fmt: skip
+"""Columns of history.csv before the probes."""
+
+
+def different_names(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
+    names = [probe.name for probe in probes]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ValueError(f"two probes have the name {twice[0]!r}")
+    taken = [name for name in names if name in HISTORY]
+    if taken:
+        raise ValueError(f"a probe cannot be called {taken[0]!r}: that is a column of history.csv already")
+    return probes
+
+
+def of_known_probes(expectations: tuple[Expect, ...], info: ValidationInfo) -> tuple[Expect, ...]:
+    names = [probe.name for probe in info.data.get("probe", ())]
+    for expectation in expectations if "probe" in info.data else ():
+        head, _, name = expectation.value.partition(".")
+        if head not in SUMMARY:
+            choices = f"choices begin with {', '.join(SUMMARY)}"
+            raise ValueError(f"{expectation.value!r} names nothing in summary.json{hint(head, SUMMARY)}; {choices}")
+        if head == "probes" and name.partition(".")[0] not in names:
+            choices = f"choices: {', '.join(names) or 'none'}"
+            raise ValueError(f"{expectation.value!r} names no probe{hint(name, names)}; {choices}")
+    return expectations
