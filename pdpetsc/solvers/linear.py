@@ -35,7 +35,8 @@ def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | floa
         defaults |= {"ksp_rtol": 1e-8, "ksp_max_it": 2000}
         if "ksp_type" not in given:
             defaults |= {"ksp_type": "cg" if symmetric else "gmres", "ksp_norm_type": "unpreconditioned"}
-            defaults["ksp_pc_side"] = "left" if symmetric else "right"
+            if not symmetric:
+                defaults["ksp_pc_side"] = "right"
         if chosen["pc_type"] == "gamg":
             defaults["pc_gamg_reuse_interpolation"] = "true"  # the tangent changes little between iterations
     return defaults

@@ -163,6 +163,7 @@ class Newton:
         text = f"{name}: {describe_linear_solver(ksp)} ended with {_name(reasons, ksp.getConvergedReason())}"
         if ksp.getConvergedReason() in (reasons.DIVERGED_INDEFINITE_MAT, reasons.DIVERGED_INDEFINITE_PC):
             ksp.setType(PETSc.KSP.Type.GMRES)
+            ksp.setPCSide(PETSc.PC.Side.RIGHT)  # with the unpreconditioned norm that cg had
             text += "; the tangent is indefinite (buckling?), so gmres takes over"
         ksp.reset()
         return StepFailed(text)

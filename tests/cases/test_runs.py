@@ -422,6 +422,22 @@ def test_far_from_home(run):
     assert result.summary["steps"][-1]["rounding_floor"]
 
 
+def test_indefinite_tangents_under_an_iterative_solver(run):
+    """A straight strip compressed past buckling: where CG gives up GMRES takes over, and the answer is the direct one."""
+    ends = [
+        {"kind": "displacement", "set": name, "component": c, "value": value}
+        for name, c, value in (("clamp", "all", 0.0), ("end", "x", "-2.0 * t"), ("end", "y", 0.0))
+    ]
+    document = changed(CANTILEVER, body__size=[40.0, 3.0], body__horizon=1.015, load=ends, probe=[], solver__steps=4)
+    document["body"]["layers"]["right"] = "horizon"
+    document["sets"]["end"] = "X > 40"
+    document["sets"]["tip"] = {"nearest": [40.0, 1.5]}
+    results = [run(changed(document, petsc={"pc_type": name})) for name in ("gamg", "lu")]
+    assert [result.code for result in results] == [0, 0]
+    stored = [result.summary["energies"]["stored"] for result in results]
+    assert stored[0] == pytest.approx(stored[1], rel=1e-8)
+
+
 def test_later_loads_hold_where_sets_overlap(run):
     loads = [*CANTILEVER["load"], {"kind": "displacement", "set": "clamp", "component": "y", "value": "0.5 * t"}]
     result = run(changed(CANTILEVER, load=loads))
