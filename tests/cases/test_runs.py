@@ -423,7 +423,7 @@ def test_far_from_home(run):
 
 
 def test_indefinite_tangents_under_an_iterative_solver(run):
-    """A straight strip compressed past buckling: where CG gives up GMRES takes over, and the answer is the direct one."""
+    """A straight strip compressed past buckling: GMRES takes over from CG, the answer is the direct one."""
     ends = [
         {"kind": "displacement", "set": name, "component": c, "value": value}
         for name, c, value in (("clamp", "all", 0.0), ("end", "x", "-2.0 * t"), ("end", "y", 0.0))
