@@ -89,10 +89,6 @@ class Expression:
     def __repr__(self) -> str:
         return f"Expression({self.text!r})"
 
-    def depends_on(self, name: str) -> bool:
-        """Tell whether the expression uses this variable."""
-        return name in self.names
-
     def __call__(self, **values) -> np.ndarray:
         """Return the number at each point.
 
