@@ -1,5 +1,6 @@
 """Families: which particles are bonded to which, found by cells in O(N), and the influence of each bond."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +9,11 @@ from numba import njit
 from pdpetsc.errors import InputError
 
 HORIZON_TOLERANCE = 1e-10
-"""A family is 0 < |xi| <= delta (1 + 1e-10) (FORMULATION, Notation)."""
+"""A family is 0 < |xi| <= delta (1 + 1e-10), where a case has no tolerance of its own (FORMULATION, Notation)."""
 
-INFLUENCE = {
+Influence = Callable[[np.ndarray], np.ndarray]
+
+INFLUENCE: dict[str, Influence] = {
     "constant": lambda r: np.ones_like(r),
     "inverse": lambda r: 1 / r,
     "linear": lambda r: 1 - r,
@@ -51,6 +54,13 @@ class Families:
         """Number of directed bonds."""
         return len(self.neighbours)
 
+    def without(self, cut: np.ndarray) -> "Families":
+        """The families less the bonds of a mask."""
+        if not cut.any():
+            return self
+        sums = np.concatenate([[0], np.cumsum(~cut)])
+        return Families(self.center, sums[self.offsets], self.neighbours[~cut])
+
     def subset(self, chosen: np.ndarray) -> "Families":
         """The families with these (ascending) numbers."""
         if len(chosen) == len(self):
@@ -84,16 +94,14 @@ class DualFamilies:
     bond: np.ndarray
 
 
-def find_families(position: np.ndarray, horizon: np.ndarray, ids: np.ndarray, owned: int) -> Families:
-    """Families of the first `owned` particles among all given ones (owned, then ghosts).
-
-    Raises:
-        InputError: a particle has no neighbour.
-    """
+def find_families(
+    position: np.ndarray, horizon: np.ndarray, ids: np.ndarray, owned: int, tolerance: float = HORIZON_TOLERANCE
+) -> Families:
+    """Families of the first `owned` particles among all given ones (owned, then ghosts)."""
     if not owned:
         return Families(np.empty(0, np.int32), np.zeros(1, np.int64), np.empty(0, np.int32))
     dim = position.shape[1]
-    reach = horizon[:owned] * (1 + HORIZON_TOLERANCE)
+    reach = horizon[:owned] * (1 + tolerance)
     low = position.min(axis=0)
     extent = position.max(axis=0) - low
     # Half the smaller horizons is the quickest width of a cell; never many more cells than particles.
@@ -102,24 +110,33 @@ def find_families(position: np.ndarray, horizon: np.ndarray, ids: np.ndarray, ow
     width = max(typical, sparse)
     counts = np.floor(extent / width).astype(np.int64) + 1
     offsets, neighbours = _search(position, reach, ids.astype(np.int64), owned, low, width, counts)
-    lonely = np.flatnonzero(np.diff(offsets) == 0)
+    return Families(np.arange(owned, dtype=np.int32), offsets, neighbours)
+
+
+def check_not_lonely(families: Families, position: np.ndarray, horizon: np.ndarray) -> None:
+    """Raise where a particle has no bond.
+
+    Raises:
+        InputError: naming the first such particle.
+    """
+    lonely = families.center[np.flatnonzero(np.diff(families.offsets) == 0)]
     if len(lonely):
         where = ", ".join(f"{x:g}" for x in position[lonely[0]])
         raise InputError(
             f"body.horizon: the particle at ({where}) has no neighbour within its horizon of "
-            f"{horizon[lonely[0]]:g}; enlarge the horizon or remove isolated particles with body.keep"
+            f"{horizon[lonely[0]]:g}; enlarge the horizon, remove isolated particles with body.keep, or move the cracks"
         )
-    return Families(np.arange(owned, dtype=np.int32), offsets, neighbours)
 
 
 def bond_weights(
-    families: Families, position: np.ndarray, horizon: np.ndarray, spacing: np.ndarray, influence: str, partial: str
-) -> np.ndarray:
+    families: Families, position: np.ndarray, horizon: np.ndarray, spacing: np.ndarray, influence: Influence,
+    partial: str,
+) -> np.ndarray:  # fmt: skip
     """Influence times partial-volume factor w beta of each bond [-]."""
     xi = position[families.neighbours] - families.per_bond(position)
     length = np.sqrt((xi**2).sum(axis=1))
     delta = families.per_bond(horizon)
-    return INFLUENCE[influence](length / delta) * PARTIAL_VOLUME[partial](length, delta, spacing[families.neighbours])
+    return influence(length / delta) * PARTIAL_VOLUME[partial](length, delta, spacing[families.neighbours])
 
 
 @njit(cache=True)

@@ -73,10 +73,10 @@ class Particles:
         return Directory(self.comm, self.id[: self.owned], self.count)
 
 
-def distribute(comm: PETSc.Comm, points: Points) -> Particles:
-    """Bring every particle to its owner and fetch the ghosts that the owned families reach."""
+def distribute(comm: PETSc.Comm, points: Points, tolerance: float = HORIZON_TOLERANCE) -> Particles:
+    """Bring every particle to its owner and fetch the ghosts that the owned families reach with this tolerance."""
     moved = _migrate(comm, points, _owners(comm, points))
-    return _with_ghosts(comm, moved)
+    return _with_ghosts(comm, moved, max(tolerance, 0.0))
 
 
 def _owners(comm, points: Points) -> np.ndarray:
@@ -197,7 +197,7 @@ def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
     return Points(**{name: values[order] for name, values in arrived.items()})
 
 
-def _with_ghosts(comm, points: Points) -> Particles:
+def _with_ghosts(comm, points: Points, tolerance: float) -> Particles:
     """Add the ghosts: what lies within the largest horizon of the particles that a rank owns."""
     mpi = comm.tompi4py()
     owned, dim = points.position.shape
@@ -206,7 +206,7 @@ def _with_ghosts(comm, points: Points) -> Particles:
         box = np.concatenate([points.position.min(axis=0), points.position.max(axis=0), [points.horizon.max()]])
     boxes = np.empty((comm.size, 2 * dim + 1))
     mpi.Allgather(box, boxes)
-    low, high, reach = boxes[:, :dim], boxes[:, dim:-1], boxes[:, -1] * (1 + 10 * HORIZON_TOLERANCE)
+    low, high, reach = boxes[:, :dim], boxes[:, dim:-1], boxes[:, -1] * (1 + tolerance + 1e-9)
 
     def distance_squared(rank, a, b):
         """Of points or boxes [a, b] from the box of `rank`."""

@@ -9,15 +9,17 @@ from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery, component
 
 REACH = 2.0
-"""Particles within this many spacings of a point take part in its interpolation."""
+"""Particles within this many of their own spacings of a point take part in its interpolation."""
 
 
 class Interpolation:
     """Weights with which the owned particles give the value at points, exact for affine fields.
 
-    Moving least squares with linear basis: phi_j = w_j p(X_j)^T M^-1 p(X), M = sum w_j p p^T, w = (1 - r/R)^2. A point
-    on a particle takes that particle alone. Points outside the lattice's hull, up to one spacing, are extrapolated, so
-    that a face of the body can be probed.
+    Moving least squares with linear basis p = (1, X): phi_j = w_j p(X_j)^T M^-1 p(X), M = sum w_j p p^T, in terms of
+    the particles' weighted middle; w = (1 - r/R)^2 with r = |X_j - X| / dx_j, so that where spacings differ the value
+    goes steadily from one zone to the next. Across a single row of particles fields are constant. A point on a particle
+    takes that particle alone. Points outside the lattice's hull, up to one spacing, are extrapolated, so that a face of
+    the body can be probed.
 
     Args:
         particles: the distributed particles.
@@ -26,29 +28,33 @@ class Interpolation:
 
     def __init__(self, particles: Particles, points: np.ndarray):
         mpi, owned, dim = particles.comm.tompi4py(), particles.owned, particles.dim
-        X = particles.position[:owned]
-        spacing = mpi.allreduce(float(particles.spacing[:owned].max(initial=0.0)), MPI.MAX)
+        X, spacing = particles.position[:owned], particles.spacing[:owned]
+        near = _within(X, REACH * spacing, points)
+        # The basis of a point is in units of the largest spacing of those that take part.
+        unit = _maximum(mpi, np.array([[spacing[index].max(initial=0.0) for index in near]]))
         local, moments, nearest = [], [], []
-        for point in points:
-            r = np.linalg.norm(X - point, axis=1) / spacing
-            index = np.flatnonzero(r < REACH)
-            basis = np.concatenate([np.ones((len(index), 1)), (X[index] - point) / spacing], axis=1)
-            weight = (1 - r[index] / REACH) ** 2
+        for point, index, length in zip(points, near, unit):
+            r = np.linalg.norm(X[index] - point, axis=1) / spacing[index]
+            basis = np.concatenate([np.ones((len(index), 1)), (X[index] - point) / length], axis=1)
+            weight = (1 - r / REACH) ** 2
             moments.append(np.einsum("j,ja,jb->ab", weight, basis, basis))
-            nearest.append(r.min(initial=np.inf))
-            local.append((index, r[index], weight, basis))
+            nearest.append(r.min(initial=REACH))
+            local.append((index, r, weight, basis))
         moment = mpi.allreduce(np.array(moments).reshape(len(points), dim + 1, dim + 1))
-        closest = np.array([mpi.allreduce(float(value), MPI.MIN) for value in nearest])
+        closest = -_maximum(mpi, -np.array([nearest]))
         self.reached = closest < REACH / 2
         """Whether a particle is near enough to each point."""
-        inverse = np.linalg.pinv(moment, rcond=1e-10, hermitian=True)
+        total, first, second = moment[:, 0, 0], moment[:, 0, 1:], moment[:, 1:, 1:]
+        total = np.where(total > 0, total, 1.0)
+        middle = first / total[:, None]
+        slope = _slopes(second / total[:, None, None] - middle[:, :, None] * middle[:, None, :], -middle)
         self._mpi = mpi
         self._weights = []
         for k, (index, r, weight, basis) in enumerate(local):
             if closest[k] < 1e-6:
                 index, share = index[r < 1e-6], np.ones(int((r < 1e-6).sum()))
             else:
-                share = weight * (basis @ inverse[k][:, 0])
+                share = weight / total[k] * (1 + (basis[:, 1:] - middle[k]) @ slope[k])
             self._weights.append((index, share))
 
     def __call__(self, field: np.ndarray) -> np.ndarray:
@@ -121,3 +127,27 @@ def _maximum(mpi, values: np.ndarray) -> np.ndarray:
 def _line(start, end, count: int) -> np.ndarray:
     """`count` points from start to end, both included."""
     return np.linspace(start, end, count)
+
+
+def _slopes(moment: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """moment^+ position, without the directions in which the particles lie in one row."""
+    values, vectors = np.linalg.eigh(moment)
+    inverse = np.where(values > 1e-10, 1 / np.where(values > 1e-10, values, 1.0), 0.0)
+    return np.einsum("nab,nb,ncb,nc->na", vectors, inverse, vectors, position)
+
+
+def _within(X: np.ndarray, reach: np.ndarray, points: np.ndarray) -> list[np.ndarray]:
+    """For each point the particles, ascending, that reach it. There is a tree for each factor of two in reach."""
+    from scipy.spatial import cKDTree  # slow to import, and needed for probes at points alone
+
+    found = [[] for _ in points]
+    size = np.floor(np.log2(reach / reach.min(initial=np.inf)))
+    for members in (np.flatnonzero(size == kind) for kind in np.unique(size)):
+        inside = cKDTree(X[members]).query_ball_point(points, reach[members].max())
+        for candidates, index in zip(found, inside):
+            candidates.append(members[index])
+    result = []
+    for point, candidates in zip(points, found):
+        index = np.sort(np.concatenate([np.empty(0, np.int64), *candidates]))
+        result.append(index[np.linalg.norm(X[index] - point, axis=1) < reach[index]])
+    return result

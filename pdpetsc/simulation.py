@@ -11,10 +11,13 @@ from petsc4py import PETSc
 from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
 from pdpetsc.body.box import box, coordinates
+from pdpetsc.body.cracks import intact
 from pdpetsc.body.sets import Sets
-from pdpetsc.bonds import HORIZON_TOLERANCE, bond_weights, find_families
+from pdpetsc.bonds import INFLUENCE, Influence, bond_weights, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.expressions import Expression
+from pdpetsc.grading import warn_thin_zones
 from pdpetsc.loads.base import Load, Site
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
@@ -64,9 +67,14 @@ class Simulation:
         self.timings = Timings()
         with self.timings("setup"):
             self.particles = _particles(comm, case)
+        p = self.particles
         with self.timings("families"), collective(comm.tompi4py()):
-            p = self.particles
-            self.families = find_families(p.position, p.horizon, p.id, p.owned)
+            self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
+            if case.body.cracks:
+                whole = intact(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
+                self.families = self.families.without(~whole)
+            check_not_lonely(self.families, p.position, p.horizon)
+        warn_thin_zones(p, self.families)
         with self.timings("setup"):
             sets = Sets(
                 p,
@@ -190,13 +198,20 @@ class Simulation:
         return summary
 
     def _choices(self) -> dict:
+        mpi, materials = self.comm.tompi4py(), {}
+        for (name, spec), material in zip(self.case.material.items(), self.materials):
+            materials[name] = {
+                "model": spec.model,
+                "influence": spec.influence if isinstance(spec.influence, str) else spec.influence.text,
+                "partial_volume": spec.partial_volume,
+                "quadrature": spec.quadrature,
+                "unmatched_families": mpi.allreduce(material.unmatched),
+                "surface_correction": "none",
+                **material.choices(),
+            }
         return {
-            "materials": {
-                name: material.choices()
-                | {key: getattr(spec, key) for key in ("influence", "partial_volume", "quadrature", "plane")}
-                for (name, spec), material in zip(self.case.material.items(), self.materials)
-            },
-            "horizon_tolerance": HORIZON_TOLERANCE,
+            "materials": materials,
+            "horizon_tolerance": self.case.body.horizon_tolerance,
             "solver": f"newton ({self.newton.snes.getType()})",
             "preconditioner": describe_linear_solver(self.newton.snes.getKSP()),
             "tangent": "assembled",
@@ -207,10 +222,24 @@ def _particles(comm: PETSc.Comm, case: Case) -> Particles:
     body, mpi = case.body, comm.tompi4py()
 
     def horizon(position, spacing):
-        values = body.horizon.factor or body.horizon.length
-        return values(**coordinates(position, spacing)) * (spacing if body.horizon.factor else 1.0)
+        place = coordinates(position, spacing)
+        result = body.horizon(place)
+        for name, spec in case.material.items():
+            if spec.horizon is None:
+                continue
+            inside = np.ones(len(position), bool)
+            if spec.where != "all":
+                if (condition := case.sets[spec.where].where) is None:
+                    raise InputError(f"material.{name}.horizon: needs a set that is given by a condition")
+                inside = condition.mask(**place)
+            result = np.where(inside, spec.horizon(place), result)
+        return result
 
-    return distribute(comm, box(mpi, body, body.keep, horizon))
+    return distribute(comm, box(mpi, body, body.keep, horizon), body.horizon_tolerance)
+
+
+def _influence(chosen: str | Expression) -> Influence:
+    return INFLUENCE[chosen] if isinstance(chosen, str) else lambda r: chosen(r=r)
 
 
 def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]:
@@ -222,10 +251,13 @@ def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]
         count += members
         with collective(p.comm.tompi4py()):
             own = families.subset(np.flatnonzero(members))
-            weight = bond_weights(own, p.position, p.horizon, p.spacing, spec.influence, spec.partial_volume)
-            part = Neighbourhood.of(own, p.position, p.volume, p.horizon, p.spacing, case.body.thickness)
+            influence = _influence(spec.influence)
+            weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
+            part = Neighbourhood.of(
+                own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence
+            )
             try:
-                materials.append(Material.models[spec.model].from_case(spec, part, weight))
+                materials.append(Material.models[spec.model].from_case(spec, spec.quadrature, part))
             except InputError as error:
                 raise InputError(f"material.{name}: {error}") from None
     wrong = p.comm.tompi4py().allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))

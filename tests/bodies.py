@@ -7,7 +7,7 @@ from models import lattice
 from petsc4py import PETSc
 
 from pdpetsc.assembly import Assembler
-from pdpetsc.bonds import bond_weights, find_families
+from pdpetsc.bonds import INFLUENCE, bond_weights, find_families
 from pdpetsc.expressions import Expression
 from pdpetsc.loads.base import Site
 from pdpetsc.loads.displacement import Displacement
@@ -57,8 +57,8 @@ def assembler(p: Particles, *rows, held=None, young: float = 1.0, influence: str
     materials = []
     for number, row in enumerate(rows):
         own = families.subset(np.flatnonzero(kind == number))
-        weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, "none")
-        materials.append(row.build(Neighbourhood.of(own, p.position, p.volume, p.horizon, p.spacing), weight, young))
+        weight = bond_weights(own, p.position, p.horizon, p.spacing, INFLUENCE[influence], "none")
+        materials.append(row.build(Neighbourhood.of(own, weight, p.position, p.volume, p.horizon, p.spacing), young))
     loads = []
     if held is not None:
         X = p.position[: p.owned]
@@ -89,5 +89,3 @@ def rows_of(mat: PETSc.Mat) -> np.ndarray:
 def affine(A) -> list[str]:
     """Expressions of u = A X."""
     return [" + ".join(f"({float(a)!r}) * {x}" for a, x in zip(row, "XYZ")) for row in np.atleast_2d(A)]
-
-

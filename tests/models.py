@@ -11,7 +11,9 @@ import numpy as np
 
 from pdpetsc.bonds import find_families
 from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.materials.bond_based import BondBased
 from pdpetsc.materials.correspondence import Correspondence
+from pdpetsc.materials.ordinary import ABD, LinearPeridynamicSolid, Ordinary
 from pdpetsc.materials.stabilisation import Stabilisation
 
 POISSON = 0.3
@@ -23,29 +25,59 @@ class Model:
 
     Attributes:
         name: shown in the names of the tests.
-        build: material from neighbourhood, weights of the bonds and Young's modulus.
-        objective: whether rigid rotations are free of forces, and angular momentum is kept.
+        build: material from neighbourhood and Young's modulus.
+        objective: whether rigid rotations are free of forces, and forces turn with the body.
+        angular: whether angular momentum is kept.
+        hyperelastic: whether forces are the gradient of the energy, and the tangent symmetric.
         control: zero-energy control of a correspondence model, "" for other models.
+        linear: whether kinematics are linear: forces are linear in u.
+        inverts: whether it knows inverted families.
     """
 
     name: str
-    build: Callable[[Neighbourhood, np.ndarray, float], Material]
+    build: Callable[[Neighbourhood, float], Material]
     objective: bool = True
+    angular: bool = True
+    hyperelastic: bool = True
     control: str = ""
+    linear: bool = False
+    inverts: bool = False
 
 
-def correspondence(elasticity: str, control: str) -> Model:
+def correspondence(elasticity: str, control: str, plane: str = "strain") -> Model:
     stabilisation = Stabilisation(control, 0.0 if control == "none" else 0.3)
+    spring = control == "spring"  # seed 004 Eq. 3.41 sees rotations as strains
     return Model(
-        f"{elasticity}-{control}",
-        lambda part, weight, young: Correspondence(part, weight, elasticity, young, POISSON, stabilisation),
-        objective=control != "spring",  # seed 004 Eq. 3.41 sees rotations as strains
-        control=control,
-    )
+        f"{elasticity}-{control}" + ("-plane-stress" if plane == "stress" else ""),
+        lambda part, young: Correspondence(part, elasticity, young, POISSON, stabilisation, plane),
+        objective=not spring, angular=not spring, control=control, inverts=True,
+    )  # fmt: skip
+
+
+def ordinary(name: str, model: type[Ordinary], poisson: float = POISSON, **switches) -> Model:
+    linear = switches.get("kinematics") == "linear"
+    turning = name == "abd"  # the cosine of a bond's rotation is in its forces
+    return Model(
+        name, lambda part, young: model(part, young, poisson, **switches),
+        objective=not linear and not turning, angular=not linear, hyperelastic=not turning, linear=linear,
+    )  # fmt: skip
 
 
 ELASTICITY = ("hencky", "saint_venant_kirchhoff", "neo_hookean")
-MODELS = [correspondence(*row) for row in product(ELASTICITY, ("none", "spring", "silling"))]
+MODELS = [
+    *(correspondence(*row) for row in product(ELASTICITY, ("none", "spring", "silling"))),
+    *(correspondence(elasticity, "silling", "stress") for elasticity in ELASTICITY),
+    ordinary("bond", BondBased, 0.25),
+    ordinary("bond-general", BondBased, 0.25, microelastic="general", quadrature="plain"),
+    ordinary("bond-linear", BondBased, 0.25, kinematics="linear"),
+    ordinary("bond-plane-stress", BondBased, 1 / 3, plane="stress"),
+    ordinary("ordinary", LinearPeridynamicSolid),
+    ordinary("ordinary-plain-plane-stress", LinearPeridynamicSolid, plane="stress", quadrature="plain"),
+    ordinary("ordinary-linear", LinearPeridynamicSolid, kinematics="linear"),
+    ordinary("abd", ABD),
+    ordinary("abd-objective", ABD, rotation_weighted=False, plane="stress"),
+    ordinary("abd-linear", ABD, kinematics="linear"),
+]
 NAMES = [model.name for model in MODELS]
 
 
@@ -74,12 +106,12 @@ class Sample:
     def families(self):
         return find_families(self.X, self.horizon, np.arange(len(self.X)), len(self.X))
 
-    def neighbourhood(self, families=None) -> Neighbourhood:
-        families = families or self.families()
-        return Neighbourhood.of(families, self.X, self.volume, self.horizon, self.spacing, self.thickness)
+    def neighbourhood(self, families=None, weight=None) -> Neighbourhood:
+        families, weight = families or self.families(), self.weight if weight is None else weight
+        return Neighbourhood.of(families, weight, self.X, self.volume, self.horizon, self.spacing, self.thickness)
 
     def material(self, row: Model) -> Material:
-        return row.build(self.neighbourhood(), self.weight, self.young)
+        return row.build(self.neighbourhood(), self.young)
 
     def scaled(self, length: float, stress: float) -> "Sample":
         """The same body in other units: numbers grow by `length` and `stress`."""

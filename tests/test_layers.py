@@ -14,7 +14,7 @@ LONGEST = 350  # lines of a room
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
     ("errors", "expressions", "timings", "parallel", "options"),
-    ("body", "particles", "bonds", "exchange", "support", "state"),
+    ("body", "particles", "bonds", "quadrature", "exchange", "support", "grading", "state"),
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
     ("assembly",),
@@ -26,14 +26,17 @@ LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
 
 # Laws that are sharper than the order: all that these rooms may import of the package.
 ONLY = {
-    "materials": {"materials", "damage", "bonds", "errors"},
+    "materials": {"materials", "damage", "bonds", "quadrature", "errors"},
     "damage": {"materials", "damage", "bonds", "errors"},
     "solvers": {"solvers", "assembly", "state", "loads", "errors", "options", "parallel", "timings"},
-    "schema": {"schema", "errors", "expressions"},
+    "schema": {"schema", "materials", "bonds", "errors", "expressions"},  # a case is read without MPI and PETSc
     "case": {"schema", "errors", "expressions"},
 }
 # And of everything else: models are testable with two particles and nothing but numpy and numba.
-OUTSIDE = {room: {"numpy", "numba"} | set(sys.stdlib_module_names) for room in ("materials", "damage", "bonds")}
+OUTSIDE = {
+    room: {"numpy", "numba", "annotated_types"} | set(sys.stdlib_module_names)
+    for room in ("materials", "damage", "bonds", "quadrature")
+}
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

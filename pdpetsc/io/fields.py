@@ -16,8 +16,8 @@ WRITTEN = ("u", "F", "stress", "strain", "energy", "reaction", "force")
 class FieldWriter:
     """Writes the fields of load steps, one after the other.
 
-    The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon` and a group for each
-    step with vectors as (N, 3) and tensors as (N, 9). It is closed between steps; `steps` has the times of those in it.
+    The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon`, `spacing` and a group
+    for each step with vectors as (N, 3) and tensors as (N, 9). It is closed between steps; `steps` has their times.
 
     Args:
         directory: existing result directory.
@@ -34,7 +34,7 @@ class FieldWriter:
             self._keep(times)
             return
         with open_file(p.comm, directory / HDF5, "w") as file:
-            for name in ("position", "volume", "horizon"):
+            for name in ("position", "volume", "horizon", "spacing"):
                 self._write(file, name, getattr(p, name)[: p.owned])
             self._write(file, "vertex", p.id[: p.owned].astype(np.int32))
 
@@ -100,7 +100,10 @@ def _xdmf(count: int, steps: dict[int, float]) -> ElementTree.Element:
         item(topology, "vertex", f"{count} 1", "Int", "4")
         geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
         item(geometry, "position", f"{count} 3")
-        for name, path in [("volume", "volume"), ("horizon", "horizon"), *((n, f"{step:05d}/{n}") for n in WRITTEN)]:
+        for name, path in [
+            *((n, n) for n in ("volume", "horizon", "spacing")),
+            *((n, f"{step:05d}/{n}") for n in WRITTEN),
+        ]:
             kind, columns = _KINDS[_COMPONENTS.get(name, 1)]
             attribute = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
             item(attribute, path, f"{count}{columns}")

@@ -22,6 +22,9 @@ LABELS = {
 VISIBLE = 0.05
 """Displacements below a fifth of this fraction of the body's size are drawn enlarged to this fraction."""
 
+ALIKE = 0.01
+"""Spacings that differ by less than this fraction are drawn as if of one size."""
+
 
 def plot_result(directory: Path, summary: dict, field: str) -> None:
     """Write result.png from the last step in the result's field file."""
@@ -30,6 +33,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     with h5py.File(directory / HDF5, "r") as file:
         last = file[max(name for name in file if name.isdigit())]
         position = file["position"][...]
+        spacing = file["spacing"][...]
         u, values = last["u"][...], colour_values(field, last[field][...])
         F = last["F"][...].reshape(-1, 3, 3)
     dim = summary["dim"]
@@ -45,7 +49,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
         figure = Figure(figsize=(7.5, 6))
         figure.subplots_adjust(left=0.05, right=0.9, bottom=0.1, top=0.9)
         axes = figure.add_subplot(projection="3d")
-        marks = _cubes(axes, position, x, shape, summary["spacing"], values)
+        marks = _cubes(axes, position, x, shape, spacing, values)
         axes.set_zlabel(f"z [{summary['units']['length']}]")
     else:
         width, height = np.ptp(x[:, :2], axis=0)
@@ -53,11 +57,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
         upright = 0.8 if dim == 1 else max(across * height / width, 0.8)
         figure = Figure(figsize=(across + 2, upright + 1.5), layout="constrained")
         axes = figure.add_subplot()
-        marks = (
-            _squares(axes, x, shape, summary["spacing"], values)
-            if dim == 2
-            else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
-        )
+        marks = _squares(axes, x, shape, spacing, values) if dim == 2 else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
         axes.set_aspect("equal")
         if dim == 1:
             axes.set_yticks([])
@@ -86,11 +86,11 @@ def colour_values(field: str, values: np.ndarray) -> np.ndarray:
     return values if values.ndim == 1 else np.sqrt((values**2).sum(axis=1))
 
 
-def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: float, values: np.ndarray):
+def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: np.ndarray, values: np.ndarray):
     """Each particle's cell, deformed by its deformation gradient `shape`."""
     from matplotlib.collections import PolyCollection
 
-    corners = spacing / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = spacing[:, None, None] / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     squares = PolyCollection(
         x[:, None, :2] + corners @ shape[:, :2, :2].transpose(0, 2, 1), array=values, edgecolors="face", linewidths=0.2
     )
@@ -99,22 +99,20 @@ def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: float, values: np.
     return squares
 
 
-def _cubes(axes, position: np.ndarray, x: np.ndarray, shape: np.ndarray, spacing: float, values: np.ndarray):
-    """The free faces of the particles' deformed cells: those behind which no other particle lies."""
+def _cubes(axes, position: np.ndarray, x: np.ndarray, shape: np.ndarray, spacing: np.ndarray, values: np.ndarray):
+    """The free faces of the particles' deformed cells."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-    from scipy.spatial import cKDTree
 
-    tree = cKDTree(position)
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
     faces, colours, brightness = [], [], []
     for axis in range(3):
         corners = np.insert(square, axis, 0.5, axis=1)
         for side in (-1, 1):
-            step = side * spacing * np.eye(3)[axis]
-            free = tree.query(position + step, distance_upper_bound=0.5 * spacing)[0] == np.inf
-            faces.append(x[free, None] + side * spacing * corners @ shape[free].transpose(0, 2, 1))
+            free = free_faces(position, spacing, side * np.eye(3)[axis])
+            cells = side * spacing[free, None, None] * corners
+            faces.append(x[free, None] + cells @ shape[free].transpose(0, 2, 1))
             colours.append(values[free])
             brightness.append(np.full(free.sum(), {0: 0.8, 1: 0.7, 2: 1.0}[axis]))
     quads, colours = np.concatenate(faces), np.concatenate(colours)
@@ -128,3 +126,35 @@ def _cubes(axes, position: np.ndarray, x: np.ndarray, shape: np.ndarray, spacing
     axes.locator_params(nbins=4)
     mapped.set_array(colours)
     return mapped
+
+
+def free_faces(position: np.ndarray, spacing: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Whether each particle's cell, a cube of its spacing, has other cells behind its face in a direction of the axes.
+
+    A face is hidden by a cell of its own size that is where the next one in a lattice would be, within half a spacing.
+    Where sizes differ, it is hidden when a point behind each quarter of it, a quarter of its own spacing deep, lies in
+    a cell of any size: a large face beside small cells is free as long as one of its quarters is.
+    """
+    from scipy.spatial import cKDTree
+
+    reach, last = float(spacing.max()) / 2, len(position) - 1
+    behind = position + spacing[:, None] * direction
+    distance, other = cKDTree(position).query(behind, distance_upper_bound=reach)
+    hidden = distance < spacing / 2
+    if spacing.min() > (1 - ALIKE) * spacing.max():
+        return ~hidden
+    hidden &= np.abs(spacing[np.minimum(other, last)] - spacing) <= ALIKE * spacing
+    rest = np.flatnonzero(~hidden)
+    across = np.flatnonzero(direction == 0)
+    quarters = np.tile(0.75 * direction, (4, 1))
+    quarters[:, across] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]]
+    points = (position[rest, None] + spacing[rest, None, None] * quarters).reshape(-1, 3)
+    slack = 0.1 * np.repeat(spacing[rest], 4)  # cells of a stretched lattice are no cubes
+    covered = np.zeros(len(points), bool)
+    size = np.floor(np.log(spacing / spacing.min()) / np.log(1.2) + 0.5)
+    for cells in (np.flatnonzero(size == kind) for kind in np.unique(size)):  # of about one size: the nearest will do
+        bound = spacing[cells].max() / 2 + slack.max()
+        distance, other = cKDTree(position[cells]).query(points, p=np.inf, distance_upper_bound=bound)
+        covered |= distance <= spacing[cells[np.minimum(other, len(cells) - 1)]] / 2 + slack
+    hidden[rest] = covered.reshape(-1, 4).all(axis=1)
+    return ~hidden

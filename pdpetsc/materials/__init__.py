@@ -1,3 +1,7 @@
-"""Material models; importing the package fills the table `Material.models`."""
+"""Material models; importing the package fills the table `Material.models` from all files here."""
 
-from pdpetsc.materials import correspondence  # noqa: F401
+import importlib
+import pkgutil
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")

@@ -2,16 +2,24 @@
 
 A material sees one process only: arrays of this rank's particles (owned ones first, then ghosts) and the families of
 its own particles. It evaluates whole families ("a family is an element"): forces and stiffness of family i are
-scattered to i and to its neighbours, which makes every model a dual-horizon one (seed 002 Eq. 14). Internal forces
-are gradients of the stored energy: +dW/du, so that equilibrium reads force(u) = external force.
+scattered to i and to its neighbours, which makes every model a dual-horizon one (seed 002 Eq. 14), and settles a bond
+across an interface: i -> j belongs to the material of i, j -> i to that of j. Internal forces are gradients of the
+stored energy: +dW/du, so that equilibrium reads force(u) = external force.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Gt, Lt
 
-from pdpetsc.bonds import DualFamilies, Families
+from pdpetsc.bonds import INFLUENCE, DualFamilies, Families, Influence
+from pdpetsc.materials import families as kernels
+from pdpetsc.materials.families import dimension
+
+Positive = Annotated[float, Gt(0)]
+PoissonRatio = Annotated[float, Gt(-1), Lt(0.5)]
+Plane = Literal["strain", "stress"]
 
 
 @dataclass(frozen=True)
@@ -21,79 +29,129 @@ class Neighbourhood:
     Attributes:
         families: families of the material's own particles.
         dual: the same turned round, for every local particle.
+        weight: influence times partial-volume factor w beta of each bond [-].
         position, volume, horizon, spacing: of all local particles.
         thickness: of a 2D body, cross-section of a 1D one, 1 in 3D; the volumes contain it.
+        influence: the function w(r) that is in the weights.
     """
 
     families: Families
     dual: DualFamilies
+    weight: np.ndarray
     position: np.ndarray
     volume: np.ndarray
     horizon: np.ndarray
     spacing: np.ndarray
     thickness: float
+    influence: Influence
 
     @classmethod
-    def of(cls, families, position, volume, horizon, spacing, thickness=1.0) -> "Neighbourhood":
+    def of(
+        cls, families, weight, position, volume, horizon, spacing, thickness=1.0, influence=INFLUENCE["constant"]
+    ) -> "Neighbourhood":
         """With the dual families found here."""
-        return cls(families, families.dual(len(position)), position, volume, horizon, spacing, thickness)
+        dual = families.dual(len(position))
+        return cls(families, dual, weight, position, volume, horizon, spacing, thickness, influence)
+
+    @property
+    def dim(self) -> int:
+        return self.position.shape[1]
+
+    def bonds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """center, offsets and neighbours, as kernels take them."""
+        return self.families.center, self.families.offsets, self.families.neighbours
+
+    def lengths(self) -> np.ndarray:
+        """|xi| of each bond [length]."""
+        xi = self.position[self.families.neighbours] - self.families.per_bond(self.position)
+        return np.sqrt((xi**2).sum(axis=1))
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums of the bonds' values over each family."""
+        rows = np.repeat(np.arange(len(self.families)), np.diff(self.families.offsets))
+        return np.bincount(rows, values, len(self.families))
+
+    def shape_tensors(self) -> np.ndarray:
+        """K = sum w beta V_j xi (x) xi of each family (seed 004 Eq. 3.19)."""
+        X, weight = self.position, self.weight * self.volume[self.families.neighbours]
+        shape = np.zeros((len(self.families), self.dim, self.dim))
+        kernels.weighted_moments(dimension(self.dim), *self.bonds(), X, weight, X, shape)
+        return shape
+
+
+class Keys:
+    """Base of the keys of a model's own in `[material.NAME]`: annotated attributes, with defaults where they may be
+    left out. The case file is validated against them and gives an object with these attributes. Bounds of numbers are
+    those of `annotated_types`; an attribute may be another class of keys, a table in the table."""
+
+    def check(self, dim: int) -> None:
+        """Check what the types cannot say, for a body of this dimension.
+
+        Raises:
+            ValueError: what is wrong, in one sentence.
+        """
+
+
+class Elastic(Keys):
+    """Isotropic elasticity, as most models have it."""
+
+    E: Positive
+    nu: PoissonRatio
+    plane: Plane = "strain"
+
+    def check(self, dim):
+        if dim == 3 and self.plane == "stress":
+            raise ValueError("plane stress is for bodies of two dimensions (and uniaxial stress for one), not three")
 
 
 class Material:
     """One constitutive model on its families; subclasses are found by `name` in case files.
 
     All displacement and force arrays are (local, dim). Methods are pure: they change no history.
+
+    Args:
+        part: the particles and families that it acts on.
+        data, tangent: NamedTuples of the model's arrays, for which its family kernels are registered (families.py).
+        modulus: P-wave modulus of the reduced dimension [force/area], the size of the stiffness.
     """
 
     models: ClassVar[dict[str, type["Material"]]] = {}
     name: ClassVar[str]
-    symmetric: ClassVar[bool] = True
-    """Whether the tangent is symmetric (hyperelastic models)."""
-    couples_family: ClassVar[bool] = True
-    """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
+    Keys: ClassVar[type[Keys]]
+    quadratures: ClassVar[tuple[str, ...]] = ("plain",)
+    """Choices of `quadrature` (bond weights), the default first."""
 
-    families: Families
-    dual: DualFamilies
-    modulus: float
-    """P-wave modulus lambda + 2 mu [force/area], the size of the stiffness."""
+    symmetric = True
+    """Whether the tangent is symmetric (hyperelastic models)."""
+    couples_family = True
+    """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
+    unmatched = 0
+    """Number of families that could not be matched by `quadrature = "matched"`."""
 
     def __init_subclass__(cls):
         if "name" in cls.__dict__:
             Material.models[cls.name] = cls
 
+    def __init__(self, part: Neighbourhood, data: NamedTuple, tangent: NamedTuple, modulus: float):
+        self.families, self.dual, self.modulus = part.families, part.dual, modulus
+        self._part, self._data, self._tangent = part, data, tangent
+        self._D = dimension(part.dim)
+        self._bonds = part.bonds()
+        self._volume = part.volume
+        self._own = np.full(len(part.position), -1, np.int32)
+        self._own[part.families.center] = np.arange(len(part.families))
+
     @classmethod
-    def from_case(cls, spec, neighbourhood: Neighbourhood, weight: np.ndarray) -> "Material":
-        """From the case's `[material.NAME]` table and the weights w beta of the bonds.
+    def from_case(cls, keys, quadrature: str, part: Neighbourhood) -> "Material":
+        """From the keys of the case's `[material.NAME]` table.
 
         Raises:
             InputError: a family on which the model is not defined (on this rank only).
         """
         raise NotImplementedError
 
-    def add_force(self, u: np.ndarray, force: np.ndarray) -> None:
-        """Add the internal forces dW/du [force] to `force`; NaN where the state is outside the model's domain."""
-        raise NotImplementedError
-
-    def add_force_scale(self, u: np.ndarray, scale: np.ndarray) -> None:
-        """Add to `scale` (local,) the sum of the absolute terms that cancel in `add_force`: its rounding error is
-        about machine precision times this."""
-        raise NotImplementedError
-
-    def linearise(self, u: np.ndarray) -> None:
-        """Prepare `add_action` and `add_rows` at u."""
-        raise NotImplementedError
-
-    def add_action(self, du: np.ndarray, force: np.ndarray) -> None:
-        """Add K du, with the tangent of the last `linearise`."""
-        raise NotImplementedError
-
-    def add_rows(self, row_offsets: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> None:
-        """Add the tangent to block rows: row a of the local particles has blocks row_offsets[a] ...; `columns` holds
-        their local particle (-1: not on this rank), `blocks` (n, dim, dim) the values."""
-        raise NotImplementedError
-
-    def energy(self, u: np.ndarray) -> np.ndarray:
-        """Stored energy of each family [energy]."""
+    def choices(self) -> dict:
+        """Model switches for summary.json."""
         raise NotImplementedError
 
     def displacement_gradient(self, u: np.ndarray) -> np.ndarray:
@@ -104,6 +162,34 @@ class Material:
         """Cauchy stress of each family, (families, 3, 3) [force/area]."""
         raise NotImplementedError
 
-    def choices(self) -> dict:
-        """Model switches for summary.json."""
-        raise NotImplementedError
+    def add_force(self, u: np.ndarray, force: np.ndarray) -> None:
+        """Add the internal forces dW/du [force] to `force`; NaN where the state is outside the model's domain."""
+        kernels.add_force(self._D, self._data, *self._bonds, self._volume, u, force)
+
+    def add_force_scale(self, u: np.ndarray, scale: np.ndarray) -> None:
+        """Add to `scale` (local,) the sum of the absolute terms that cancel in `add_force`: its rounding error is
+        about machine precision times this."""
+        kernels.add_force_scale(self._D, self._data, *self._bonds, self._volume, u, scale)
+
+    def linearise(self, u: np.ndarray) -> None:
+        """Prepare `add_action` and `add_rows` at u."""
+        kernels.linearise(self._D, self._data, self._tangent, *self._bonds, u)
+
+    def add_action(self, du: np.ndarray, force: np.ndarray) -> None:
+        """Add K du, with the tangent of the last `linearise`."""
+        kernels.add_action(self._D, self._tangent, *self._bonds, self._volume, du, force)
+
+    def add_rows(self, row_offsets: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> None:
+        """Add the tangent to block rows: row a of the local particles has blocks row_offsets[a] ...; `columns` holds
+        their local particle (-1: not on this rank), `blocks` (n, dim, dim) the values."""
+        dual = self.dual
+        kernels.add_rows(
+            self._D, self._tangent, *self._bonds, self._volume, self._own,
+            dual.offsets, dual.family, dual.bond, row_offsets, columns, blocks,
+        )  # fmt: skip
+
+    def energy(self, u: np.ndarray) -> np.ndarray:
+        """Stored energy of each family [energy]."""
+        energy = np.empty(len(self.families))
+        kernels.energies(self._D, self._data, *self._bonds, self._volume, u, energy)
+        return energy

@@ -7,13 +7,21 @@ The energy of a family is V_i (W(F) + zero-energy control), the family's forces 
 V_i g . dP/dF . g is symmetric.
 """
 
+from typing import Literal
+
 import numpy as np
 
 from pdpetsc.errors import InputError
 from pdpetsc.materials import correspondence_kernels as kernels
-from pdpetsc.materials.base import Material, Neighbourhood
-from pdpetsc.materials.elasticity import elastic_law
-from pdpetsc.materials.stabilisation import AFFINE_PART_REMOVED, Stabilisation, control_modulus
+from pdpetsc.materials.base import Elastic, Material, Neighbourhood
+from pdpetsc.materials.elasticity import LAWS, elastic_law
+from pdpetsc.materials.families import dimension
+from pdpetsc.materials.stabilisation import (
+    AFFINE_PART_REMOVED,
+    Stabilisation,
+    ZeroEnergyControl,
+    control_modulus,
+)
 
 SMALLEST_SHAPE = 1e-6
 """Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
@@ -23,11 +31,11 @@ class Correspondence(Material):
     """Correspondence material on its families.
 
     Args:
-        neighbourhood: the particles and families that it acts on.
-        weight: influence times partial-volume factor w beta of each bond [-].
+        part: the particles and families that it acts on.
         elasticity: name of the law P(F) ("hencky", "saint_venant_kirchhoff", "neo_hookean").
         young, poisson: E [force/area] and nu [-].
         stabilisation: the zero-energy control.
+        plane: "strain", or "stress" (in 1D uniaxial stress).
 
     Raises:
         InputError: a family whose bonds do not span the dimension (singular shape tensor K).
@@ -35,104 +43,55 @@ class Correspondence(Material):
 
     name = "correspondence"
 
-    def __init__(
-        self,
-        neighbourhood: Neighbourhood,
-        weight: np.ndarray,
-        elasticity: str,
-        young: float,
-        poisson: float,
-        stabilisation: Stabilisation,
-    ):
-        self.families = families = neighbourhood.families
-        self.dual = neighbourhood.dual
-        self._elasticity = elasticity
-        self._stabilisation = stabilisation
-        self._law = law = elastic_law(elasticity, young, poisson)
-        self.modulus = law.lame + 2 * law.shear
-        self._volume = neighbourhood.volume
-        X = neighbourhood.position
-        dim = X.shape[1]
-        self._dim = kernels.dimension(dim)
+    class Keys(Elastic):
+        elasticity: Literal[*LAWS] = "hencky"
+        stabilisation: ZeroEnergyControl = {"kind": "silling"}
 
-        n = len(families)
-        shape = np.zeros((n, dim, dim))
-        kernels.shape_tensors(self._dim, *self._bonds(), X, weight, self._volume, shape)
-        _check_shape(shape, families, X)
-        self._g, self._g_center = np.empty((families.bonds, dim)), np.empty((n, dim))
-        kernels.shape_gradients(
-            self._dim, *self._bonds(), X, weight, self._volume, np.linalg.inv(shape), self._g, self._g_center
-        )
-        delta = neighbourhood.horizon[families.center]
-        c = control_modulus(stabilisation, law.lame, law.shear, shape, delta, neighbourhood.thickness)
-        self._spring = np.repeat(c, np.diff(families.offsets)) * weight * self._volume[families.neighbours]
-        self._affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
-        self._own = np.full(len(X), -1, np.int32)
-        self._own[families.center] = np.arange(len(families))
-        self._tensor = np.empty((0,) * 5)
+    def __init__(
+        self, part: Neighbourhood, elasticity: str, young: float, poisson: float, stabilisation: Stabilisation,
+        plane: str = "strain",
+    ):  # fmt: skip
+        self._stabilisation = stabilisation
+        self._choices = {"elasticity": elasticity, "plane": plane}
+        dim, families = part.dim, part.families
+        self._law = law = elastic_law(elasticity, young, poisson, plane, dim)
+        self._stress_dim = dimension(dim if plane == "stress" else 3)
+        shape = part.shape_tensors()
+        _check_shape(shape, families, part.position)
+        weight = part.weight * part.volume[families.neighbours]
+        g, g_center = np.empty((families.bonds, dim)), np.empty((len(families), dim))
+        D, inverse = dimension(dim), np.linalg.inv(shape)
+        kernels.shape_gradients(D, *part.bonds(), part.position, weight, inverse, g, g_center)
+        c = control_modulus(stabilisation, law.lame, law.shear, shape, part.horizon[families.center], part.thickness)
+        spring = np.repeat(c, np.diff(families.offsets)) * weight
+        affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
+        modulus = law.lame + 2 * law.shear
+        data = kernels.Gradients(law, g, spring, affine, modulus)
+        tangent = kernels.GradientTangent(g, g_center, spring, np.empty((len(families), *(dim,) * 4)))
+        super().__init__(part, data, tangent, modulus)
 
     @classmethod
-    def from_case(cls, spec, neighbourhood, weight):
-        control = spec.stabilisation
+    def from_case(cls, keys, quadrature, part):
+        control = keys.stabilisation
         if control.strength is None:
             stabilisation = Stabilisation(control.kind)
         else:
             stabilisation = Stabilisation(control.kind, control.strength, control.scale or "horizon")
-        return cls(neighbourhood, weight, spec.elasticity, spec.E, spec.nu, stabilisation)
-
-    def _bonds(self):
-        return self.families.center, self.families.offsets, self.families.neighbours
-
-    def _family_arrays(self):
-        return *self._bonds(), self._g
-
-    def add_force(self, u, force):
-        kernels.add_force(
-            self._dim, self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, force
-        )
-
-    def add_force_scale(self, u, scale):
-        kernels.add_force_scale(self._dim, self.modulus, *self._family_arrays(), self._spring, self._volume, u, scale)
-
-    def linearise(self, u):
-        if not len(self._tensor):
-            self._tensor = np.empty((len(self.families), *(u.shape[1],) * 4))
-        kernels.linearise(self._dim, self._law, *self._family_arrays(), self._affine, u, self._tensor)
-
-    def add_action(self, du, force):
-        kernels.add_action(self._dim, *self._family_arrays(), self._spring, self._tensor, self._volume, du, force)
-
-    def add_rows(self, row_offsets, columns, blocks):
-        dual = self.dual
-        kernels.add_rows(
-            self._dim, *self._family_arrays(), self._g_center, self._spring, self._tensor, self._volume, self._own,
-            dual.offsets, dual.family, dual.bond, row_offsets, columns, blocks,
-        )  # fmt: skip
-
-    def energy(self, u):
-        energy = np.empty(len(self.families))
-        kernels.energies(
-            self._dim, self._law, *self._family_arrays(), self._spring, self._affine, self._volume, u, energy
-        )
-        return energy
+        return cls(part, keys.elasticity, keys.E, keys.nu, stabilisation, keys.plane)
 
     def displacement_gradient(self, u):
         H = np.zeros((len(self.families), 3, 3))
-        kernels.gradients(self._dim, *self._family_arrays(), u, H)
+        kernels.gradients(self._D, self._law, *self._bonds, self._data.g, u, H)
         return H
 
     def cauchy_stress(self, u):
         H = self.displacement_gradient(u)
         sigma = np.empty_like(H)
-        kernels.cauchy_stresses(self._law, H, sigma)
+        kernels.cauchy_stresses(self._stress_dim, self._law, H, sigma)
         return sigma
 
     def choices(self):
-        return {
-            "model": self.name,
-            "elasticity": self._elasticity,
-            "stabilisation": self._stabilisation._asdict(),
-        }
+        return {**self._choices, "stabilisation": self._stabilisation._asdict()}
 
 
 def _check_shape(shape: np.ndarray, families, X: np.ndarray) -> None:

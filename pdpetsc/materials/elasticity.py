@@ -4,10 +4,12 @@ A law is a NamedTuple of its parameters; `energy_density`, `first_piola` and `el
 type, so that the family kernels are compiled once per law. Everything is written in H = F - I: with F itself the
 strains of a slender body drown in rounding (log1p and expanded differences keep full relative accuracy).
 
-Arrays are `dim x dim` with dim = 1, 2 or 3; the directions that a body does not have are unstretched (plane strain,
-uniaxial strain), so the same expressions serve. P is the first Piola-Kirchhoff stress [force/area], row = direction
-of the force; A[i, J, k, L] = dP_iJ / dF_kL. Where F is inverted or singular, P is NaN: the solver takes it as
-"outside the domain" and cuts the step. `work` is scratch space of shape (8, 3, 3).
+Arrays are `dim x dim` with dim = 1, 2 or 3. The 3 - dim directions that a body does not have are unstretched (plane
+strain, uniaxial strain), or free of stress (plane stress, uniaxial stress): then their stretch, one for all of them, is
+eliminated inside the law by tau_33 = 0, and `lateral_strain` gives it. P is the first Piola-Kirchhoff stress
+[force/area], row = direction of the force; A[i, J, k, L] = dP_iJ / dF_kL. Where F is inverted or singular, or no
+lateral stretch is free of stress, P is NaN: the solver takes it as "outside the domain" and cuts the step. `work` is
+scratch space of shape (8, 3, 3).
 """
 
 from typing import NamedTuple
@@ -15,6 +17,18 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload
 
+from pdpetsc.materials.neo_hookean import (
+    NeoHookean,
+    NeoHookeanPlaneStress,
+    neo_hookean_energy,
+    neo_hookean_lateral,
+    neo_hookean_piola,
+    neo_hookean_tensor,
+    plane_stress_energy,
+    plane_stress_lateral,
+    plane_stress_piola,
+    plane_stress_tensor,
+)
 from pdpetsc.materials.tensors import (
     green_strain,
     invalid,
@@ -26,33 +40,77 @@ from pdpetsc.materials.tensors import (
 
 
 class Hencky(NamedTuple):
-    """tau = lambda tr(e) I + 2 mu e with e = 1/2 ln(F F^T) and P = tau F^-T (seed 004 Eq. 3.4-3.9, 1/2 restored)."""
+    """tau = lambda tr(e) I + 2 mu e with e = 1/2 ln(F F^T) and P = tau F^-T (seed 004 Eq. 3.4-3.9, 1/2 restored).
+
+    Exact in plane stress too, with the constants of `lame_constants` and e_33 = lateral tr(e).
+    """
 
     lame: float
     shear: float
+    lateral: float = 0.0
 
 
 class SaintVenantKirchhoff(NamedTuple):
-    """S = lambda tr(E) I + 2 mu E with E = 1/2 (F^T F - I) and P = F S."""
+    """S = lambda tr(E) I + 2 mu E with E = 1/2 (F^T F - I) and P = F S.
+
+    Exact in plane stress too, with the constants of `lame_constants` and E_33 = lateral tr(E), as long as that is more
+    than -1/2, thickness zero.
+    """
 
     lame: float
     shear: float
-
-
-class NeoHookean(NamedTuple):
-    """W = mu/2 (tr C - 3 - 2 ln J) + lambda/2 (ln J)^2 (compressible; Bonet and Wood 2008, Eq. 6.27)."""
-
-    lame: float
-    shear: float
+    lateral: float = 0.0
 
 
 LAWS = {"hencky": Hencky, "saint_venant_kirchhoff": SaintVenantKirchhoff, "neo_hookean": NeoHookean}
+IN_PLANE_STRESS = LAWS | {"neo_hookean": NeoHookeanPlaneStress}
 
 
-def elastic_law(name: str, young: float, poisson: float) -> NamedTuple:
-    """The law of that name with Lame's constants from Young's modulus and Poisson's ratio."""
-    lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-    return LAWS[name](lame, young / (2 * (1 + poisson)))
+def elastic_law(name: str, young: float, poisson: float, plane: str = "strain", dim: int = 3) -> NamedTuple:
+    """The law of that name for bodies of one, two or three dimensions, from Young's modulus and Poisson's ratio.
+
+    Args:
+        name: one of `LAWS`.
+        young, poisson: E [force/area] and nu [-] of the solid in three dimensions.
+        plane: whether the directions that the body does not have are unstretched ("strain") or free of stress
+            ("stress": plane stress in 2D, a bar in 1D). In 3D it makes no difference.
+        dim: dimensions of the body.
+
+    Returns:
+        A law whose `lame` and `shear` are those of `lame_constants`.
+    """
+    lateral = lateral_ratio(poisson, plane, dim)
+    lame, shear = lame_constants(young, poisson, plane, dim)
+    if name == "neo_hookean" and lateral == 0.0:
+        return NeoHookean(lame, shear)
+    return IN_PLANE_STRESS[name](lame, shear, lateral)
+
+
+def lame_constants(young: float, poisson: float, plane: str = "strain", dim: int = 3) -> tuple[float, float]:
+    """Lame's constants lambda', mu of the solid in `dim` dimensions: sigma = lambda' tr(e) I + 2 mu e there.
+
+    In plane stress lambda' = 2 lambda mu / (lambda + 2 mu), in uniaxial stress lambda' = E - 2 mu. The bulk modulus in
+    `dim` dimensions is K' = lambda' + 2 mu / dim: K in 3D, K + mu/3 in plane strain, E / (2 (1 - nu)) in plane stress,
+    E in uniaxial stress.
+    """
+    shear = young / (2 * (1 + poisson))
+    if is_free(plane, dim):
+        return -2 * lateral_ratio(poisson, plane, dim) * shear, shear
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), shear
+
+
+def lateral_ratio(poisson: float, plane: str = "strain", dim: int = 3) -> float:
+    """e_33 / tr(e) of small strains, tr(e) in the dimensions of the body: -lambda / ((3 - dim) lambda + 2 mu)."""
+    if not is_free(plane, dim):
+        return 0.0
+    return -poisson / (1 - poisson) if dim == 2 else -float(poisson)
+
+
+def is_free(plane: str, dim: int) -> bool:
+    """Whether there are directions that are free of stress."""
+    if plane not in ("strain", "stress"):
+        raise ValueError(f'plane is "strain" or "stress", not {plane!r}')
+    return plane == "stress" and dim < 3
 
 
 def energy_density(law, H, work):
@@ -65,6 +123,10 @@ def first_piola(law, H, P, work):
 
 def elasticity_tensor(law, H, A, work):
     """Fill A[i, J, k, L] = dP_iJ / dF_kL, shape (dim, dim, dim, dim)."""
+
+
+def lateral_strain(law, H, work):
+    """H_33, the stretch minus one of the directions that the body does not have; 0 where they cannot stretch."""
 
 
 def hencky_energy(law, H, work):
@@ -146,6 +208,14 @@ def hencky_tensor(law, H, A, work):
                     A[i, J, k, L] = value
 
 
+def hencky_lateral(law, H, work):
+    if law.lateral == 0.0:
+        return 0.0
+    if invalid(H):
+        return np.nan
+    return np.expm1(law.lateral * np.log1p(jacobian_excess(H)))  # tr(e) = ln J
+
+
 def saint_venant_kirchhoff_energy(law, H, work):
     n = H.shape[0]
     E = work[0]
@@ -169,6 +239,9 @@ def saint_venant_kirchhoff_piola(law, H, P, work):
     trace = 0.0
     for i in range(n):
         trace += S[i, i]
+    if not 2.0 * law.lateral * trace > -1.0:
+        P[:, :] = np.nan
+        return
     for i in range(n):
         for j in range(n):
             S[i, j] *= 2.0 * law.shear
@@ -211,55 +284,29 @@ def saint_venant_kirchhoff_tensor(law, H, A, work):
                     A[i, J, k, L] = value
 
 
-def neo_hookean_energy(law, H, work):
-    n = H.shape[0]
+def saint_venant_kirchhoff_lateral(law, H, work):
+    if law.lateral == 0.0:
+        return 0.0
     E = work[0]
     green_strain(H, E)
-    trace = 0.0
-    for i in range(n):
-        trace += E[i, i]
-    log_jacobian = np.log1p(jacobian_excess(H))
-    return law.shear * (trace - log_jacobian) + 0.5 * law.lame * log_jacobian * log_jacobian
-
-
-def neo_hookean_piola(law, H, P, work):
-    n = H.shape[0]
-    if invalid(H):
-        P[:, :] = np.nan
-        return
-    E, G = work[0], work[1]
-    excess = jacobian_excess(H)
-    green_strain(H, E)
-    inverse_transpose(H, 1.0 + excess, G)
-    pressure = law.lame * np.log1p(excess)
-    for i in range(n):
-        for j in range(n):
-            value = pressure * G[i, j]
-            for k in range(n):  # F - F^-T = F^-T (C - I), without cancellation
-                value += 2.0 * law.shear * G[i, k] * E[k, j]
-            P[i, j] = value
-
-
-def neo_hookean_tensor(law, H, A, work):
-    n = H.shape[0]
-    G = work[0]
-    excess = jacobian_excess(H)
-    inverse_transpose(H, 1.0 + excess, G)
-    geometric = law.shear - law.lame * np.log1p(excess)
-    for i in range(n):
-        for J in range(n):
-            for k in range(n):
-                for L in range(n):
-                    value = law.lame * G[i, J] * G[k, L] + geometric * G[i, L] * G[k, J]
-                    if i == k and J == L:
-                        value += law.shear
-                    A[i, J, k, L] = value
+    excess = 0.0  # C33 - 1
+    for i in range(H.shape[0]):
+        excess += 2.0 * law.lateral * E[i, i]
+    if invalid(H) or not excess > -1.0:
+        return np.nan
+    return excess / (1.0 + np.sqrt(1.0 + excess))
 
 
 COMPILED = {
-    Hencky: (hencky_energy, hencky_piola, hencky_tensor),
-    SaintVenantKirchhoff: (saint_venant_kirchhoff_energy, saint_venant_kirchhoff_piola, saint_venant_kirchhoff_tensor),
-    NeoHookean: (neo_hookean_energy, neo_hookean_piola, neo_hookean_tensor),
+    Hencky: (hencky_energy, hencky_piola, hencky_tensor, hencky_lateral),
+    SaintVenantKirchhoff: (
+        saint_venant_kirchhoff_energy,
+        saint_venant_kirchhoff_piola,
+        saint_venant_kirchhoff_tensor,
+        saint_venant_kirchhoff_lateral,
+    ),
+    NeoHookean: (neo_hookean_energy, neo_hookean_piola, neo_hookean_tensor, neo_hookean_lateral),
+    NeoHookeanPlaneStress: (plane_stress_energy, plane_stress_piola, plane_stress_tensor, plane_stress_lateral),
 }
 
 
@@ -276,3 +323,8 @@ def _first_piola(law, H, P, work):
 @overload(elasticity_tensor)
 def _elasticity_tensor(law, H, A, work):
     return COMPILED[law.instance_class][2]
+
+
+@overload(lateral_strain)
+def _lateral_strain(law, H, work):
+    return COMPILED[law.instance_class][3]

@@ -26,12 +26,27 @@ besides, and with that G depends on the unit of length). The best G then changes
 the problem. This is what a strength in the case file means, unless it names the other scale.
 """
 
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge
+
+from pdpetsc.materials.base import Keys
 
 AFFINE_PART_REMOVED = {"none": 0.0, "spring": 0.0, "silling": 1.0}
 """a of the energy above. `spring` is seed 004 Eq. 3.41: not objective, no patch test, for comparison only."""
+
+
+class ZeroEnergyControl(Keys):
+    """The table `stabilisation` of a case: without a strength, the control that needs no tuning."""
+
+    kind: Literal["none", "spring", "silling"]
+    strength: Annotated[float, Ge(0)] | None = None
+    scale: Literal["horizon", "family"] | None = None
+
+    def check(self, dim):
+        if self.scale and self.strength is None:
+            raise ValueError("scale goes with strength")
 
 
 class Stabilisation(NamedTuple):

@@ -124,6 +124,18 @@ def mean_logarithmic_slope(a, b):
 
 
 @njit(cache=True)
+def logarithm_deficit(x):
+    """x - ln(1 + x), with full relative accuracy where it is x^2/2."""
+    if abs(x) > 0.2:
+        return x - np.log1p(x)
+    r = x / (2.0 + x)  # ln(1 + x) = 2 (r + r^3/3 + r^5/5 + ...) and x - 2 r = r x
+    series = 0.0
+    for k in range(21, 1, -2):
+        series = (series + 2.0 / k) * r * r
+    return r * (x - series)
+
+
+@njit(cache=True)
 def invalid(H):
     """Whether F = I + H is inverted, singular or not a number."""
     return not jacobian_excess(H) > -1.0

@@ -27,9 +27,9 @@ class Table(BaseModel):
     @classmethod
     def _only_known_keys(cls, table: Any) -> Any:
         """Report an unknown key before the keys that are then missing, and name the choices."""
+        choices = [*(field.alias or name for name, field in cls.model_fields.items()), *cls.used_before]
         for key in table if isinstance(table, dict) else ():
-            if key not in cls.model_fields:
-                choices = [*cls.model_fields, *cls.used_before]
+            if key not in choices:
                 raise error_at(key, f"unknown key{hint(key, choices)}; choices: {', '.join(choices)}")
         return table
 

@@ -8,9 +8,12 @@ from pydantic import (
     Field,
     PlainValidator,
     Strict,
+    ValidationInfo,
     model_validator,
 )
 
+from pdpetsc.bonds import HORIZON_TOLERANCE
+from pdpetsc.schema.materials import MaterialTable
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.table import Table, error_at, exactly_one
 from pdpetsc.schema.values import (
@@ -18,6 +21,7 @@ from pdpetsc.schema.values import (
     Condition,
     Count,
     FieldName,
+    Horizon,
     LayerWidth,
     Name,
     Positive,
@@ -42,24 +46,27 @@ class Units(Table):
     time: str = "s"
 
 
-class Horizon(Table):
-    """Radius of the families: a factor of the local spacing, or a length. A plain number is a factor."""
+class Crack(Table):
+    """A cut through the bonds: a point in 1D, a line in 2D, a plane polygon in 3D."""
 
-    factor: formula() | None = None
-    length: formula() | None = None
+    at: Vector | None = None
+    start: Vector | None = Field(None, alias="from")
+    to: Vector | None = None
+    polygon: Annotated[tuple[Vector, ...], Strict(False), Field(min_length=3)] | None = None
 
-    @model_validator(mode="before")
-    @classmethod
-    def _plain_number(cls, value: Any) -> Any:
-        return {"factor": value} if type(value) in (int, float) else value
+    @property
+    def vertices(self) -> tuple[tuple[float, ...], ...]:
+        return self.polygon or ((self.at,) if self.at else (self.start, self.to))
 
     @model_validator(mode="after")
-    def _check(self):
-        exactly_one(self, "factor", "length")
-        if self.factor and not self.factor.names and self.factor() <= 1:
-            raise ValueError("must be greater than 1: it is a factor of the spacing")
-        if self.length and not self.length.names and self.length() <= 0:
-            raise ValueError("must be greater than 0")
+    def _check(self, info: ValidationInfo):
+        given = {key for key in ("at", "start", "to", "polygon") if getattr(self, key) is not None}
+        wanted = ({"at"}, {"start", "to"}, {"polygon"})[info.context.dim - 1]
+        if given != wanted:
+            raise ValueError(
+                ("a crack in 1D is { at = [x] }", "a crack in 2D is { from = [x, y], to = [x, y] }",
+                 "a crack in 3D is { polygon = [[x, y, z], [x, y, z], [x, y, z], ...] }")[info.context.dim - 1]
+            )  # fmt: skip
         return self
 
 
@@ -72,7 +79,10 @@ class Body(Table):
     thickness: Positive = 1.0  # out of plane in 2D, the cross-section in 1D
     origin: Annotated[Vector, BeforeValidator(zeros_if_missing)] = Field(None, validate_default=True)
     horizon: Horizon
+    horizon_tolerance: Annotated[float, Field(gt=-0.1, lt=0.1)] = HORIZON_TOLERANCE
     keep: Condition | None = None
+    refine: formula() | None = None
+    cracks: Annotated[tuple[Crack, ...], Strict(False)] = ()
     layers: dict[Annotated[str, AfterValidator(known_face)], Annotated[LayerWidth, PlainValidator(layer_width)]] = {}
 
     @property
@@ -101,42 +111,6 @@ class ParticleSet(Table):
     def _check(self):
         exactly_one(self, "where", "nearest")
         return self
-
-
-class Stabilisation(Table):
-    """Control of zero-energy modes; without a strength, the one that needs no tuning."""
-
-    kind: Literal["none", "spring", "silling"]
-    strength: Annotated[float, Field(ge=0)] | None = None
-    scale: Literal["horizon", "family"] | None = None
-
-    @model_validator(mode="after")
-    def _check(self):
-        if self.scale and self.strength is None:
-            raise ValueError("scale goes with strength")
-        return self
-
-
-def _plane(value: Any) -> Any:
-    if value == "stress":
-        raise ValueError("plane stress is not available for correspondence materials yet; only 'strain' is")
-    return value
-
-
-class Material(Table):
-    """A correspondence material and the set that it fills."""
-
-    model: Literal["correspondence"]
-    E: Positive
-    nu: Annotated[float, Field(gt=-1, lt=0.5)]
-    density: Positive | None = None
-    plane: Annotated[Literal["strain"], BeforeValidator(_plane)] = "strain"
-    elasticity: Literal["hencky", "saint_venant_kirchhoff", "neo_hookean"] = "hencky"
-    influence: Literal["constant", "inverse", "linear", "cubic", "gaussian"] = "constant"
-    stabilisation: Stabilisation = Stabilisation(kind="silling")
-    partial_volume: Literal["none", "linear"] = "none"
-    quadrature: Literal["plain"] = "plain"
-    where: SetName = "all"
 
 
 class _ComponentLoad(Table):
@@ -220,7 +194,7 @@ class Description(Table):
     units: Units = Units()
     body: Body
     sets: dict[Annotated[Name, AfterValidator(new_set)], ParticleSet] = {}
-    material: Annotated[dict[Name, Material], Field(min_length=1)]
+    material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Solver = Solver()
     output: Output = Output()

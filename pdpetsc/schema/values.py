@@ -4,10 +4,12 @@ import math
 import re
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo
+import numpy as np
+from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo, model_validator
 
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
+from pdpetsc.schema.table import Table, exactly_one
 
 AXES = ("x", "y", "z")
 COORDINATES = ("X", "Y", "Z")
@@ -149,3 +151,28 @@ Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_
 Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
 FieldName = Literal["u", "F", "stress", "strain", "energy", "reaction", "force"]
 Condition = formula(condition=True)
+
+
+class Horizon(Table):
+    """Radius of the families: a factor of the local spacing, or a length. A plain number is a factor."""
+
+    factor: formula() | None = None
+    length: formula() | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_number(cls, value: Any) -> Any:
+        return {"factor": value} if type(value) in (int, float) else value
+
+    @model_validator(mode="after")
+    def _check(self):
+        exactly_one(self, "factor", "length")
+        if self.factor and not self.factor.names and self.factor() <= 1:
+            raise ValueError("must be greater than 1: it is a factor of the spacing")
+        if self.length and not self.length.names and self.length() <= 0:
+            raise ValueError("must be greater than 0")
+        return self
+
+    def __call__(self, place: dict) -> np.ndarray:
+        """Return the radius [length] at `place`: X, Y, Z and spacing by name."""
+        return self.factor(**place) * place["spacing"] if self.factor else self.length(**place)

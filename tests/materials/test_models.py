@@ -16,6 +16,7 @@ from models import (
     model,
     rotation,
     sample,
+    strong_gradient,
     tangent,
 )
 
@@ -48,7 +49,7 @@ def test_rotations_are_free_of_force(row, dim, degrees):
     body = sample(dim)
     u = body.X @ (rotation(dim, np.deg2rad(degrees)) - np.eye(dim)).T
     f = np.abs(force(body.material(row), u)).max()
-    if row.objective:
+    if row.objective or not row.hyperelastic:  # extensions are objective, whatever their weights
         assert f < 1e-13
     else:
         assert f > 1e-2
@@ -81,7 +82,7 @@ def test_momenta(row, dim):
     x, three = np.zeros((len(f), 3)), np.zeros((len(f), 3))
     x[:, :dim], three[:, :dim] = body.X + u, f
     moment = np.abs(np.cross(x, three).sum(axis=0)).max() / (size * np.abs(x).max())
-    if row.objective:
+    if row.angular:
         assert moment < 1e-15
     elif dim > 1:
         assert moment > 1e-4
@@ -96,7 +97,8 @@ def test_force_is_gradient_of_energy(row, dim):
     h = 1e-5
     difference = (material.energy(u + h * v).sum() - material.energy(u - h * v).sum()) / (2 * h)
     power = (force(material, u) * v).sum()
-    assert abs(difference - power) < 1e-8 * np.abs(force(material, u) * v).sum()
+    error = abs(difference - power) / np.abs(force(material, u) * v).sum()
+    assert error < 1e-8 if row.hyperelastic or dim == 1 else error > 1e-4
 
 
 @pytest.mark.parametrize("seed", (0, 1))
@@ -123,8 +125,8 @@ def test_rows_are_the_action_and_symmetric(row, dim):
     v = np.random.default_rng(1).normal(size=u.shape)
     Kv = action(material, u, v)
     assert relative(K @ v.ravel() - Kv.ravel(), Kv) < 1e-13
-    assert material.symmetric
-    assert relative(K - K.T, K) < 1e-14
+    assert material.symmetric == row.hyperelastic
+    assert relative(K - K.T, K) < 1e-14 if row.hyperelastic or dim == 1 else relative(K - K.T, K) > 1e-4
 
 
 @every_dimension
@@ -132,9 +134,10 @@ def test_rows_are_the_action_and_symmetric(row, dim):
 def test_stiffness_at_reference_is_not_negative(row, dim):
     body = sample(dim)
     K = tangent(body.material(row), np.zeros_like(body.X))
-    values = np.linalg.eigvalsh((K + K.T) / 2)
+    assert relative(K - K.T, K) < 1e-14
+    values = np.linalg.eigvalsh(K)
     assert values[0] > -1e-13 * values[-1]
-    rigid = dim * (dim + 1) // 2 if row.objective else dim
+    rigid = dim if row.control == "spring" else dim * (dim + 1) // 2
     zeros = int((values < 1e-10 * values[-1]).sum())
     assert zeros == rigid if row.control != "none" else zeros >= rigid
 
@@ -151,7 +154,7 @@ def test_a_body_is_the_sum_of_its_families(row, dim):
     for chosen in (first, ~first):
         bonds = np.repeat(chosen, np.diff(families.offsets))
         own = families.subset(np.flatnonzero(chosen))
-        parts.append(row.build(body.neighbourhood(own), body.weight[bonds], body.young))
+        parts.append(row.build(body.neighbourhood(own, body.weight[bonds]), body.young))
     whole = body.material(row)
     for of in (lambda m: force(m, u), lambda m: action(m, u, v), lambda m: tangent(m, u)):
         assert relative(sum(map(of, parts)) - of(whole), of(whole)) < 1e-13
@@ -179,22 +182,22 @@ def test_inverted_flat_and_undefined_states_are_not_numbers(row, dim):
     for stretch in (-1.5, -1.0):  # F_xx = -0.5: inverted; 0: flat
         u = np.zeros_like(body.X)
         u[:, 0] = stretch * body.X[:, 0]
-        if stretch < -1:
+        if stretch < -1 and row.inverts:
             assert np.isnan(force(material, u)).all()
     u = deformation(body.X)
     u[0, 0] = np.nan
     f = force(material, u)
-    with_the_first = np.unique(np.concatenate([*families_around(body, 0)]))
+    with_the_first = np.unique(np.concatenate([*families_around(body, 0, material.couples_family)]))
     assert np.isnan(f[with_the_first]).any(axis=1).all()
 
 
-def families_around(body: Sample, particle: int):
-    """Members of the families in which a particle takes part."""
+def families_around(body: Sample, particle: int, couples: bool):
+    """Members of the families in which a particle takes part; where bonds do not couple, its partners only."""
     families = body.families()
     for i, (a, b) in enumerate(zip(families.offsets[:-1], families.offsets[1:])):
         members = np.append(families.neighbours[a:b], i)
         if particle in members:
-            yield members
+            yield members if couples or i == particle else np.array([i, particle])
 
 
 @every_dimension
@@ -219,10 +222,7 @@ def test_rounding_scale(row, dim):
 
 @every_model
 def test_choices_can_be_written(row):
-    assert json.loads(json.dumps(sample(2).material(row).choices()))["model"] == "correspondence"
-
-
-# Correspondence models
+    assert json.loads(json.dumps(sample(2).material(row).choices()))["plane"] in ("strain", "stress")
 
 
 @every_dimension
@@ -232,8 +232,13 @@ def test_deformation_gradient_of_affine_fields_is_exact(row, dim):
     A = np.random.default_rng(3).uniform(-0.4, 0.4, (dim, dim))
     H = body.material(row).displacement_gradient(body.X @ A.T + 0.1)
     assert np.abs(H[:, :dim, :dim] - A).max() < 1e-14
-    assert not H[:, dim:].any()
-    assert not H[:, :, dim:].any()
+    assert not H[:, dim:, :dim].any()
+    assert not H[:, :dim, dim:].any()
+    if "stress" not in row.name and row.name != "abd-objective":
+        assert not H[:, dim:].any()
+
+
+# Correspondence models
 
 
 @every_dimension
@@ -276,17 +281,39 @@ def test_zero_energy_control_by_its_definition(dim):
 @every_dimension
 @every_model
 def test_cauchy_stress_of_affine_fields(row, dim):
-    """Symmetric, alike everywhere, turning with the body; and the stress power is the rate of the energy."""
+    """Symmetric, turning with the body, alike everywhere for correspondence models."""
     body = sample(dim)
     material = body.material(row)
     u = deformation(body.X, ripple=0.0)
     sigma = material.cauchy_stress(u)
-    assert np.abs(sigma - sigma[0]).max() < 1e-14
-    assert np.abs(sigma[0] - sigma[0].T).max() < 1e-15
+    size = np.abs(sigma).max()
+    assert np.abs(sigma - sigma.transpose(0, 2, 1)).max() < 1e-14 * size
+    if row.control:
+        assert np.abs(sigma - sigma[0]).max() < 1e-13 * size
     Q = np.eye(3)
     Q[:dim, :dim] = rotation(dim, 1.0)
     turned = material.cauchy_stress((body.X + u) @ Q[:dim, :dim].T - body.X)
-    assert np.abs(turned - Q @ sigma @ Q.T).max() < 1e-14
+    if row.objective or row.control:
+        assert np.abs(turned - Q @ sigma @ Q.T).max() < 1e-13 * size
+
+
+@every_dimension
+@every_model
+def test_stress_is_conjugate_to_the_gradient(row, dim):
+    """Family by family, d(W/V) = P : dF with P = J sigma F^-T; for small strains in linear kinematics P = sigma."""
+    if row.control == "spring" or not row.hyperelastic:
+        return
+    body = sample(dim)
+    material = body.material(row)
+    A, B = strong_gradient(dim), np.random.default_rng(5).uniform(-1, 1, (dim, dim))
+    rate = (material.energy(body.X @ (A + 1e-5 * B).T) - material.energy(body.X @ (A - 1e-5 * B).T)) / 2e-5
+    u = body.X @ A.T
+    P = material.cauchy_stress(u)
+    if not row.linear:
+        F = np.eye(3) + material.displacement_gradient(u)
+        P = np.linalg.det(F)[:, None, None] * P @ np.linalg.inv(F).transpose(0, 2, 1)
+    power = body.volume * (P[:, :dim, :dim] * B).sum(axis=(1, 2))
+    assert relative(power - rate, rate) < 1e-8
 
 
 @pytest.mark.parametrize("dim", DIMENSIONS)

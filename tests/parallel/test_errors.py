@@ -11,7 +11,7 @@ from bodies import assembler, distributed, families_of
 from models import lattice, model
 
 from pdpetsc.body.sets import Sets
-from pdpetsc.bonds import bond_weights
+from pdpetsc.bonds import check_not_lonely
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression
 from pdpetsc.materials.base import Neighbourhood
@@ -51,7 +51,7 @@ def test_another_exception_is_no_input_error(comm):
 def test_a_lonely_particle(comm):
     p = distributed(np.vstack([lattice((12, 4)), [[40.0, 1.0]]]), 1.5)
     with pytest.raises(InputError, match=r"\(40, 1\) has no neighbour"), collective(comm):
-        families_of(p)
+        check_not_lonely(families_of(p), p.position, p.horizon)
 
 
 @pytest.mark.mpi
@@ -61,9 +61,8 @@ def test_a_flat_family(comm):
     p = distributed(np.vstack([lattice((12, 4)), tail]), 1.5)
     with pytest.raises(InputError, match="does not span 2 dimensions"), collective(comm):
         families = families_of(p)
-        weight = bond_weights(families, p.position, p.horizon, p.spacing, "constant", "none")
-        part = Neighbourhood.of(families, p.position, p.volume, p.horizon, p.spacing)
-        model("hencky-none").build(part, weight, 1.0)
+        part = Neighbourhood.of(families, np.ones(families.bonds), p.position, p.volume, p.horizon, p.spacing)
+        model("hencky-none").build(part, 1.0)
 
 
 @pytest.mark.mpi
@@ -83,7 +82,6 @@ def test_sets(comm):
     assert comm.allreduce(int(sets["all"].sum())) == 48
     with pytest.raises(InputError, match=r"sets\.none: no particle lies in this set"):
         sets["none"]
-
 
     def members(name):
         return np.concatenate(comm.allgather(p.id[: p.owned][sets[name]])).tolist()
@@ -119,7 +117,9 @@ options.start([], {})
 @pytest.mark.parametrize("culprit", (0, 1))
 def test_an_exception_on_one_rank_ends_all_ranks(culprit):
     """Inside `cli.main`, while the others wait in a collective for ever."""
-    script = BEGIN + f"""
+    script = (
+        BEGIN
+        + f"""
 from pdpetsc import case
 from mpi4py import MPI
 def load(*arguments):
@@ -129,6 +129,7 @@ def load(*arguments):
 case.load = load
 sys.exit(cli.main(["clamped_beam"]))
 """
+    )
     run, seconds = job(2, script)
     assert run.returncode == 1
     assert run.stderr.count("RuntimeError: a slip of ours") == 1
@@ -138,7 +139,9 @@ sys.exit(cli.main(["clamped_beam"]))
 @pytest.mark.skipif("OMPI_COMM_WORLD_SIZE" in os.environ, reason="starts mpirun itself")
 def test_an_exception_in_a_callback_of_petsc_ends_all_ranks():
     """Errors inside SNES callbacks come through PETSc's C code."""
-    script = BEGIN + """
+    script = (
+        BEGIN
+        + """
 from mpi4py import MPI
 from pdpetsc.assembly import Assembler
 original = Assembler.tangent
@@ -151,6 +154,7 @@ import tempfile
 out = MPI.COMM_WORLD.bcast(tempfile.mkdtemp())
 sys.exit(cli.main(["clamped_beam", "--out", out]))
 """
+    )
     run, seconds = job(2, script)
     assert run.returncode not in (0, 2, 3, 4)
     assert "RuntimeError: a slip of ours" in run.stderr

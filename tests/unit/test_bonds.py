@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from pdpetsc.bonds import HORIZON_TOLERANCE, INFLUENCE, Families, bond_weights, find_families
+from pdpetsc.bonds import HORIZON_TOLERANCE, INFLUENCE, Families, bond_weights, check_not_lonely, find_families
 from pdpetsc.errors import InputError
 
 
@@ -89,7 +89,16 @@ def test_horizons_need_not_be_mutual():
 def test_a_lonely_particle_is_named():
     X = np.array([[0.0, 0.0], [1.0, 0.0], [5.25, 7.5]])
     with pytest.raises(InputError, match=r"body\.horizon: the particle at \(5\.25, 7\.5\) has no neighbour .* of 1\.5"):
-        find_families(X, np.full(3, 1.5), np.arange(3), 3)
+        check_not_lonely(find_families(X, np.full(3, 1.5), np.arange(3), 3), X, np.full(3, 1.5))
+
+
+def test_without_cut_bonds():
+    X = np.arange(4.0)[:, None]
+    families = find_families(X, np.full(4, 2.1), np.arange(4), 3)
+    assert as_lists(families) == [[1, 2], [0, 2, 3], [0, 1, 3]]
+    cut = np.array([0, 1, 1, 0, 1, 0, 0, 0], bool)
+    assert as_lists(families.without(cut)) == [[1], [2], [0, 1, 3]]
+    assert families.without(np.zeros(8, bool)) is families
 
 
 def test_dual_families_are_the_transpose():
@@ -137,7 +146,7 @@ def test_influence(influence, values):
     X = np.array([[0.0, 0.0], [0.0, 0.5], [1.0, 0.0], [-2.0, 0.0]])
     horizon = np.full(4, 2.0)
     families = find_families(X, horizon, np.arange(4), 1)
-    weights = bond_weights(families, X, horizon, np.ones(4), influence, "none")
+    weights = bond_weights(families, X, horizon, np.ones(4), INFLUENCE[influence], "none")
     assert weights == pytest.approx(values, abs=1e-15)
     assert set(INFLUENCE) == {"constant", "inverse", "linear", "cubic", "gaussian"}
 
@@ -148,7 +157,7 @@ def test_partial_volume():
     horizon = np.full(5, 3.0)
     spacing = np.array([9.0, 1.0, 1.0, 1.0, 2.0])
     families = find_families(X, horizon, np.arange(5), 1)
-    weights = bond_weights(families, X, horizon, spacing, "constant", "linear")
+    weights = bond_weights(families, X, horizon, spacing, INFLUENCE["constant"], "linear")
     assert weights == pytest.approx([1, 0.75, 0.5, 0.5])
-    doubled = bond_weights(families, X, horizon, spacing, "inverse", "linear")
+    doubled = bond_weights(families, X, horizon, spacing, INFLUENCE["inverse"], "linear")
     assert doubled == pytest.approx([1.5, 0.75 * 3 / 2.75, 0.5, 0.5])

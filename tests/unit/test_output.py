@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdpetsc.io import plot, tables
-from pdpetsc.io.plot import colour_values, plot_result
+from pdpetsc.io.plot import colour_values, free_faces, plot_result
 from pdpetsc.schema.values import RANKS
 
 ROWS = [
@@ -62,6 +62,58 @@ def test_every_field_has_a_label():
     assert set(plot.LABELS) == set(RANKS)
 
 
+def refined(counts, division, cell=(1.0, 1.0, 1.0)):
+    """Particles of a block whose cells are divided, and their spacings."""
+    X, spacing = [], []
+    for index in np.ndindex(*counts):
+        r = division(*index)
+        inside = np.stack(np.meshgrid(*[(np.arange(r) + 0.5) / r] * 3), axis=-1).reshape(-1, 3)
+        X.append((index + inside) * cell)
+        spacing.append(np.full(r**3, np.prod(cell) ** (1 / 3) / r))
+    return np.concatenate(X), np.concatenate(spacing)
+
+
+@pytest.mark.parametrize(
+    "division",
+    [lambda x, y, z: 1, lambda x, y, z: 3, lambda x, y, z: 1 + 3 * (x < 2), lambda x, y, z: 1 + x,
+     lambda x, y, z: 1 + 7 * (x == y == z == 1), lambda x, y, z: 1 + (x + y + z) % 2],
+)  # fmt: skip
+@pytest.mark.parametrize("cell", [(1.0, 1.0, 1.0), (1.04, 0.98, 0.97)])
+def test_free_faces_of_a_block(division, cell):
+    """They make its surface, wherever fine cells meet coarse ones."""
+    X, spacing = refined((4, 3, 3), division, cell)
+    for axis, (n, faces) in enumerate(zip((4, 3, 3), (9, 12, 12))):
+        for side in (-1, 1):
+            free = free_faces(X, spacing, side * np.eye(3)[axis])
+            assert (spacing[free] ** 2).sum() == pytest.approx(faces * np.prod(cell) ** (2 / 3))
+            outermost = np.abs(X[:, axis] - (n * cell[axis] if side > 0 else 0)) < 0.6 * spacing
+            assert np.array_equal(free, outermost)
+
+
+def test_free_faces_of_a_hole():
+    """Half of the small cells beside a large one are missing: it shows; the large one above hides theirs."""
+    X, spacing = refined((2, 1, 2), lambda x, y, z: 1 + (x == 1 and z == 0))
+    kept = ~((X[:, 0] > 1) & (X[:, 1] > 0.5) & (X[:, 2] < 1))
+    X, spacing = X[kept], spacing[kept]
+    right, up = (free_faces(X, spacing, direction) for direction in np.eye(3)[[0, 2]])
+    assert right[(X == [0.5, 0.5, 0.5]).all(axis=1)].all()
+    assert not right[(X == [0.5, 0.5, 1.5]).all(axis=1)].any()
+    assert np.array_equal(up, X[:, 2] > 1)
+
+
+def test_the_pictures_show_each_spacing(tmp_path):
+    X, spacing = refined((3, 2, 2), lambda x, y, z: 1 + (x == 0))
+    for dim in (1, 2, 3):
+        with h5py.File(tmp_path / "fields.h5", "w") as file:
+            file["position"], file["spacing"] = X * (np.arange(3) < dim), spacing
+            group = file.create_group("00001")
+            group["u"], group["F"] = 0.01 * X, np.tile(np.eye(3).ravel(), (len(X), 1))
+        units = {"length": "mm", "force": "N", "time": "s"}
+        summary = {"dim": dim, "units": units, "title": "", "case": "a_case", "steps": [{"time": 1.0}]}
+        plot_result(tmp_path, summary, "u")
+        assert (tmp_path / "result.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
 @pytest.mark.parametrize(("dim", "field"), [(1, "u"), (3, "u"), *((2, name) for name in sorted(RANKS))])
 def test_pictures(tmp_path, dim, field):
     """Every field in every dimension, the undeformed body too, gives an image."""
@@ -69,7 +121,7 @@ def test_pictures(tmp_path, dim, field):
     X = np.zeros((n, 3))
     X[:, :dim] = np.random.default_rng(0).uniform(0, 1e-3, (n, dim))
     with h5py.File(tmp_path / "fields.h5", "w") as file:
-        file["position"], file["volume"] = X, np.full(n, 1e-12)
+        file["position"], file["spacing"] = X, np.full(n, 1e-4)
         group = file.create_group("00003")
         group["u"] = np.zeros((n, 3)) if dim == 1 else 1e-5 * X
         group["F"] = np.tile(np.eye(3).ravel(), (n, 1))  # the cells are drawn deformed
@@ -77,7 +129,7 @@ def test_pictures(tmp_path, dim, field):
             group[field] = np.ones((n, 3 ** RANKS[field])[: 1 + bool(RANKS[field])])
     summary = {
         "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
-        "spacing": 1e-4, "steps": [{"time": 1.0}],
+        "steps": [{"time": 1.0}],
     }  # fmt: skip
     plot_result(tmp_path, summary, field)
     picture = (tmp_path / "result.png").read_bytes()

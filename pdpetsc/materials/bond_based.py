@@ -1,0 +1,104 @@
+"""Bond-based materials: each bond is a spring (seed 002 Eq. 31-40; seed 003 Eq. 16-21; seed 004 Eq. 2.8-2.16)."""
+
+from typing import Literal
+
+import numpy as np
+
+from pdpetsc.bonds import Influence
+from pdpetsc.materials.base import Elastic, Neighbourhood, PoissonRatio
+from pdpetsc.materials.ordinary import SPHERE, Kinematics, Moduli, Ordinary, SurfaceCorrection, scaled_to
+from pdpetsc.quadrature import matched_weights
+
+SAME_RATIO = 0.005
+"""Largest difference of a given Poisson's ratio from the fixed one: 0.33 is meant as 1/3."""
+
+Microelastic = Literal["prototype", "general"]
+
+
+class BondBased(Ordinary):
+    """Microelastic bonds: T<xi> = C w s n (prototype, "PM" or "PMB") or C w (|y| - |xi|) n (general).
+
+    C is *half* the classical micromodulus c, since both directions of a bond act. It makes the bulk modulus right:
+    sum k |xi|^2 = n^2 K' over the full horizon, where k = C w V/|xi| or C w V. With w = 1, in 3D, 2D, 1D:
+
+        prototype  c = 18 K/(pi delta^4),    12 K'/(pi h delta^3),  2 E/(A delta^2)
+        general    c = 22.5 K/(pi delta^5),  16 K'/(pi h delta^4),  3 E/(A delta^3)
+
+    With matched weights sum k |xi|^2 n n n n = n^2 K' times the isotropic tensor in every family, cut ones included.
+
+    Central forces fix Poisson's ratio at 1/4 in 3D and plane strain and at 1/3 in plane stress (Cauchy's relation
+    lambda = mu of the n-dimensional constants); another one gives a body of the right K' and the wrong shear modulus.
+
+    Args:
+        part, kinematics: as in `Ordinary`.
+        young, poisson, plane: E [force/area], nu [-], "strain" or "stress".
+        quadrature: "matched" or "plain" weights.
+        microelastic: "prototype" or "general".
+        surface_correction: of plain weights: "energy" scales k in each family so that sum k |xi|^2 = n^2 K', or "none".
+    """
+
+    name = "bond"
+    quadratures = ("matched", "plain")
+
+    class Keys(Elastic):
+        nu: PoissonRatio | None = None
+        microelastic: Microelastic = "prototype"
+        kinematics: Kinematics = "nonlinear"
+        surface_correction: SurfaceCorrection = "none"
+        allow_any_poisson: bool = False
+
+        def check(self, dim):
+            Elastic.check(self, dim)
+            fixed = fixed_poisson(dim, self.plane)
+            if None in (fixed, self.nu) or self.allow_any_poisson or abs(self.nu - fixed) < SAME_RATIO:
+                return
+            raise ValueError(
+                f"nu = {self.nu:g}, but a bond-based material has Poisson's ratio {fixed:.4g} in "
+                f'{"3D" if dim == 3 else f"plane {self.plane}"}: leave nu out, choose model = "ordinary" or '
+                '"correspondence", or accept a wrong shear modulus with allow_any_poisson = true'
+            )
+
+    def __init__(
+        self, part: Neighbourhood, young: float, poisson: float, plane: str = "strain", quadrature: str = "matched",
+        microelastic: str = "prototype", kinematics: str = "nonlinear", surface_correction: str = "none",
+    ):  # fmt: skip
+        moduli = Moduli.of(young, poisson, plane, part.dim)
+        n, length = part.dim, part.lengths()
+        delta = part.families.per_bond(part.horizon)
+        power = n if microelastic == "prototype" else n + 1  # of r in the integral of w(r) over the horizon
+        surface = SPHERE[n] * part.thickness
+        C = n**2 * moduli.bulk / (surface * delta ** (power + 1) * influence_moment(part.influence, power))
+        weight = C * part.weight / (length if microelastic == "prototype" else 1.0)
+        if quadrature == "matched":
+            moment = np.full(len(part.families), n**2 * moduli.bulk)
+            weight, matched = matched_weights(part.families, part.position, part.volume, weight, moment)
+            self.unmatched = int((~matched).sum())
+        k = weight * part.volume[part.families.neighbours]
+        if surface_correction == "energy":
+            k = scaled_to(part, k, length**2, n**2 * moduli.bulk)
+        self._microelastic, self._surface_correction = microelastic, surface_correction
+        super().__init__(part, moduli, k, kinematics=kinematics)
+
+    @classmethod
+    def from_case(cls, keys, quadrature, part):
+        nu = (fixed_poisson(part.dim, keys.plane) or 0.0) if keys.nu is None else keys.nu
+        return cls(
+            part, keys.E, nu, keys.plane, quadrature, keys.microelastic, keys.kinematics, keys.surface_correction
+        )
+
+    def choices(self):
+        switches = {"microelastic": self._microelastic, "surface_correction": self._surface_correction}
+        return super().choices() | switches
+
+
+def fixed_poisson(dim: int, plane: str) -> float | None:
+    """Poisson's ratio of bond-based materials; None in 1D, where there is no lateral strain."""
+    return None if dim == 1 else 1 / 3 if dim == 2 and plane == "stress" else 1 / 4
+
+
+def influence_moment(influence: Influence, power: int) -> float:
+    """Integral of w(r) r^power from 0 to 1, by Gauss's rule on 64 intervals."""
+    x, w = np.polynomial.legendre.leggauss(8)
+    edges = np.arange(64) / 64
+    r = (edges[:, None] + (x + 1) / 128).ravel()
+    return float(np.sum(influence(r) * r**power * np.tile(w / 128, 64)))

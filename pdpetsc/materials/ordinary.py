@@ -1,0 +1,229 @@
+"""Ordinary state-based materials: forces along the bonds, from their extensions and a dilatation.
+
+All are quadratic in the extensions e = |y| - |xi| (ordinary_kernels.py):
+
+    w = 1/2 A theta^2 + 1/2 sum k e^2,    theta = sum c e,    T<xi> V_j = (A theta c + k e) n
+
+A model is its constants k, c of each bond and A of each family. Moduli are those of n dimensions: lambda and mu in 3D
+and plane strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from pdpetsc.materials import families as kernels
+from pdpetsc.materials.base import Elastic, Material, Neighbourhood
+from pdpetsc.materials.elasticity import lame_constants
+from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent
+from pdpetsc.quadrature import matched_weights
+
+Kinematics = Literal["nonlinear", "linear"]
+SurfaceCorrection = Literal["none", "energy"]
+
+SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}
+"""Surface of the unit sphere in n dimensions."""
+
+SMALLEST_SHAPE = 1e-6
+"""Directions of a shape tensor with a smaller part of its largest eigenvalue have no gradient in the output."""
+
+
+class Moduli(NamedTuple):
+    """Isotropic elasticity in n dimensions [force/area].
+
+    Attributes:
+        lame, shear: Lame's constants of n dimensions.
+        plane: "strain", or "stress" in 2D (uniaxial stress in 1D).
+        dim: n.
+    """
+
+    lame: float
+    shear: float
+    plane: str
+    dim: int
+
+    @classmethod
+    def of(cls, young: float, poisson: float, plane: str, dim: int) -> "Moduli":
+        return cls(*lame_constants(young, poisson, plane, dim), plane, dim)
+
+    @property
+    def bulk(self) -> float:
+        """K' = lambda + 2 mu/n."""
+        return self.lame + 2 * self.shear / self.dim
+
+
+class Ordinary(Material):
+    """What ordinary models have in common.
+
+    Args:
+        part: the particles and families that it acts on; its weights give the deformation gradient of the output.
+        moduli: of the solid that the model stands for.
+        k: stiffness of each bond: k e^2/2 is an energy per volume [force/length^4].
+        c: weight of each bond's extension in the dilatation [1/length]; None: there is no dilatation.
+        A: modulus of the dilatation of each family [force/area].
+        kinematics: "nonlinear", or "linear" for small displacements (e = xi.eta/|xi| along the reference bond).
+        rotation_weighted: whether a bond counts in the dilatation with the cosine of its rotation.
+    """
+
+    def __init__(
+        self, part: Neighbourhood, moduli: Moduli, k: np.ndarray, c: np.ndarray | None = None,
+        A: np.ndarray | None = None, kinematics: str = "nonlinear", rotation_weighted: bool = False,
+    ):  # fmt: skip
+        linear = kinematics == "linear"
+        rotation_weighted = rotation_weighted and not linear  # there bonds do not turn
+        self.couples_family = c is not None
+        self.symmetric = not rotation_weighted
+        self.moduli, self.kinematics = moduli, kinematics
+        none, dim = np.empty(0), part.dim
+        bonds, families = (part.families.bonds, len(part.families)) if self.couples_family else (0, 0)
+        data = Extensions(
+            part.position, k, none if c is None else c, none if A is None else A, rotation_weighted, linear
+        )
+        gamma, gamma_center = np.empty((bonds, dim)), np.empty((families, dim))
+        h, h_center = (gamma, gamma_center) if self.symmetric else (np.empty_like(gamma), np.empty_like(gamma_center))
+        block = np.empty((part.families.bonds, dim, dim))
+        tangent = ExtensionTangent(block, np.empty(families), gamma, gamma_center, h, h_center)
+        super().__init__(part, data, tangent, moduli.lame + 2 * moduli.shear)
+
+    def choices(self):
+        return {"plane": self.moduli.plane, "kinematics": self.kinematics}
+
+    def displacement_gradient(self, u):
+        """Of the output: sum w V eta (x) xi K^-1, as a correspondence model has it (zero in directions that the
+        family does not span); in plane stress the free directions follow from linear elasticity."""
+        part, dim = self._part, self._part.dim
+        weight = part.weight * part.volume[part.families.neighbours]
+        moments = np.zeros((len(self.families), dim, dim))
+        kernels.weighted_moments(self._D, *self._bonds, part.position, weight, u, moments)
+        inverse = np.linalg.pinv(part.shape_tensors(), rcond=SMALLEST_SHAPE, hermitian=True)
+        H = np.zeros((len(self.families), 3, 3))
+        H[:, :dim, :dim] = moments @ inverse
+        if self.moduli.plane == "stress":
+            free = range(dim, 3)
+            H[:, free, free] = self._lateral_strain(H[:, :dim, :dim])[:, None]
+        return H
+
+    def _lateral_strain(self, H):
+        """-lambda/(2 mu) tr(strain) with the constants of n dimensions, -nu/(1 - nu) in plane stress."""
+        ratio = -self.moduli.lame / (2 * self.moduli.shear)
+        if self.kinematics == "linear":
+            return ratio * np.trace(H, axis1=1, axis2=2)
+        return np.expm1(ratio * np.log(np.abs(np.linalg.det(np.eye(H.shape[1]) + H))))
+
+    def cauchy_stress(self, u):
+        """sum T (x) y V_j/J of the family (FORMULATION's family stress), symmetric since T is along y; in plane
+        strain with the normal stress of linear elasticity, lambda/(n lambda + 2 mu) of the others' sum."""
+        part, dim = self._part, self._part.dim
+        lame, shear, plane, _ = self.moduli
+        linear = self.kinematics == "linear"
+        tau = np.zeros((len(self.families), dim, dim))
+        x = part.position if linear else part.position + u
+        kernels.stress_moments(self._D, self._data, *self._bonds, x, u, tau)
+        J = 1.0 if linear else np.linalg.det(np.eye(3) + self.displacement_gradient(u))[:, None, None]
+        sigma = np.zeros((len(self.families), 3, 3))
+        sigma[:, :dim, :dim] = tau / J
+        if plane == "strain":
+            free = range(dim, 3)
+            sigma[:, free, free] = (lame / (dim * lame + 2 * shear) * np.trace(sigma, axis1=1, axis2=2))[:, None]
+        return sigma
+
+
+class LinearPeridynamicSolid(Ordinary):
+    """The linear peridynamic solid, LPS (Silling et al. 2007; seed 002 Eq. 42; FORMULATION "Models").
+
+        m = sum w |xi|^2,  theta = (n/m) sum w |xi| e,  t = (n K' theta/m) w |xi| + (n (n + 2) mu/m) w e^d,
+        e^d = e - theta |xi|/n
+
+    that is c = n w |xi| V/m, k = n (n + 2) mu w V/m, A = K' - (n + 2) mu/n. With matched weights
+    sum w V |xi|^2 n n n n is isotropic, and with it the stiffness.
+
+    Args:
+        part, kinematics: as in `Ordinary`.
+        young, poisson, plane: E [force/area], nu [-], "strain" or "stress".
+        quadrature: "matched" or "plain" weights.
+    """
+
+    name = "ordinary"
+    quadratures = ("matched", "plain")
+
+    class Keys(Elastic):
+        kinematics: Kinematics = "nonlinear"
+
+    def __init__(
+        self, part: Neighbourhood, young: float, poisson: float, plane: str = "strain", quadrature: str = "matched",
+        kinematics: str = "nonlinear",
+    ):  # fmt: skip
+        moduli = Moduli.of(young, poisson, plane, part.dim)
+        weight, length, V = part.weight, part.lengths(), part.volume[part.families.neighbours]
+        if quadrature == "matched":
+            weight, matched = matched_weights(part.families, part.position, part.volume, weight)
+            self.unmatched = int((~matched).sum())
+        m = np.repeat(part.sums(weight * V * length**2), np.diff(part.families.offsets))
+        n = part.dim
+        A = np.full(len(part.families), moduli.bulk - (n + 2) * moduli.shear / n)
+        k = n * (n + 2) * moduli.shear * weight * V / m
+        super().__init__(part, moduli, k, n * weight * V * length / m, A, kinematics)
+
+    @classmethod
+    def from_case(cls, keys, quadrature, part):
+        return cls(part, keys.E, keys.nu, keys.plane, quadrature, keys.kinematics)
+
+
+class ABD(Ordinary):
+    """The ordinary model with constants a, b, d of the full horizon (seed 000 Eq. 32-34, corrected in FORMULATION).
+
+        W = a theta^2 + b delta sum |xi| s^2 V,  theta = d delta sum s Lambda V,  s = e/|xi|,
+        T = 2 delta (d a theta Lambda/|xi| + b s) n
+        a = (K' - (n + 2) mu/n)/2,  b = n (n + 1)(n + 2) mu/(2 S delta^(n+2)),  d = n^2/(S delta^(n+1))
+
+    with S = 2 A, 2 pi h, 4 pi the surface of the unit sphere times cross-section or thickness; in 2D b = 6 mu/(pi h
+    delta^4), d = 2/(pi h delta^3). It differs from the LPS: dilatation and shear have different influence functions,
+    and families cut by a surface are not normalised. Lambda = n . xi/|xi| as printed makes T no gradient of W and
+    the dilatation fade as the body turns; `rotation_weighted = False` has Lambda = 1.
+
+    Args:
+        part, kinematics, rotation_weighted: as in `Ordinary`; the influence function must be constant.
+        young, poisson, plane: E [force/area], nu [-], "strain" or "stress".
+        surface_correction: "energy" scales k and c in each family so that sum k |xi|^2 = n (n + 2) mu and
+            sum c |xi| = n, or "none".
+    """
+
+    name = "abd"
+
+    class Keys(Elastic):
+        kinematics: Kinematics = "nonlinear"
+        rotation_weighted: bool = True
+        surface_correction: SurfaceCorrection = "none"
+
+    def __init__(
+        self, part: Neighbourhood, young: float, poisson: float, plane: str = "strain",
+        kinematics: str = "nonlinear", rotation_weighted: bool = True, surface_correction: str = "none",
+    ):  # fmt: skip
+        moduli = Moduli.of(young, poisson, plane, part.dim)
+        n, length = part.dim, part.lengths()
+        delta = part.families.per_bond(part.horizon)
+        surface = SPHERE[n] * part.thickness
+        wV = part.weight * part.volume[part.families.neighbours]
+        A = np.full(len(part.families), moduli.bulk - (n + 2) * moduli.shear / n)
+        k = n * (n + 1) * (n + 2) * moduli.shear / (surface * delta ** (n + 1)) * wV / length
+        c = n**2 / (surface * delta**n) * wV / length
+        if surface_correction == "energy":
+            k = scaled_to(part, k, length**2, n * (n + 2) * moduli.shear)
+            c = scaled_to(part, c, length, n)
+        self._surface_correction = surface_correction
+        super().__init__(part, moduli, k, c, A, kinematics, rotation_weighted)
+
+    @classmethod
+    def from_case(cls, keys, quadrature, part):
+        return cls(part, keys.E, keys.nu, keys.plane, keys.kinematics, keys.rotation_weighted, keys.surface_correction)
+
+    def choices(self):
+        switches = {"rotation_weighted": self._data.rotation_weighted, "surface_correction": self._surface_correction}
+        return super().choices() | switches
+
+
+def scaled_to(part: Neighbourhood, values: np.ndarray, measure: np.ndarray, total: float) -> np.ndarray:
+    """Values of the bonds, scaled in each family so that sum values measure = total: the energy-based surface
+    correction. A family that a surface cuts, or that a lattice fills unevenly, then stores the energy of the solid in
+    a state of equal strain in all directions."""
+    return values * np.repeat(total / part.sums(values * measure), np.diff(part.families.offsets))

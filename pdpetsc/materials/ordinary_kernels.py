@@ -1,0 +1,228 @@
+"""The family element of bond-based and ordinary state-based models, all quadratic in the extensions of the bonds:
+
+    w = 1/2 A theta^2 + 1/2 sum k e^2,   theta = sum c Lambda e,   t = (A theta c Lambda + k e) n
+
+with e = |y| - |xi|, n = y/|y|, and constants k and c of each bond and A of each family that hold the neighbours'
+volumes and weights. Lambda = 1, or the cosine n . xi/|xi| of the bond's rotation with which seed 000 Eq. 32-34 weighs
+the dilatation (t is then no gradient, and the tangent unsymmetric). Linear kinematics have e = xi.eta/|xi| and
+n = xi/|xi| (seed 003 Eq. 17, 20).
+
+e is computed as (2 xi.eta + eta.eta)/(|y| + |xi|), which keeps all digits of small strains.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pdpetsc.materials.families import (
+    action_state,
+    add_modes,
+    bond_stiffness,
+    energy_state,
+    force_state,
+    implements,
+    length,
+    linearise_state,
+    size_state,
+)
+
+
+class Extensions(NamedTuple):
+    """Data of an ordinary model.
+
+    Attributes:
+        X: reference positions.
+        k: stiffness of each bond; c: its weight in the dilatation, of length 0 where there is none.
+        A: of each family.
+        rotation_weighted: whether Lambda is the cosine, not 1.
+        linear: whether kinematics are linear.
+    """
+
+    X: np.ndarray
+    k: np.ndarray
+    c: np.ndarray
+    A: np.ndarray
+    rotation_weighted: bool
+    linear: bool
+
+
+class ExtensionTangent(NamedTuple):
+    """dt_b = D_b deta_b + gamma_b A sum h . deta: `block[b]` = D_b; gamma = c Lambda n, h = dtheta/deta (the same
+    array as gamma where the tangent is symmetric), and minus their sums for the center; all of length 0 but `block`
+    where there is no dilatation."""
+
+    block: np.ndarray
+    A: np.ndarray
+    gamma: np.ndarray
+    gamma_center: np.ndarray
+    h: np.ndarray
+    h_center: np.ndarray
+
+
+@njit(cache=True)
+def extension(D, data, i, j, u, n):
+    """Fill n; (e, |y|, Lambda, |xi|) of the bond from i to j."""
+    dim = len(D)
+    X = data.X
+    square, xi_eta, eta_eta, y_square = 0.0, 0.0, 0.0, 0.0
+    for p in range(dim):
+        xi = X[j, p] - X[i, p]
+        eta = u[j, p] - u[i, p]
+        square += xi * xi
+        xi_eta += xi * eta
+        eta_eta += eta * eta
+        y_square += (xi + eta) * (xi + eta)
+    xi_length = np.sqrt(square)
+    if data.linear:
+        for p in range(dim):
+            n[p] = (X[j, p] - X[i, p]) / xi_length
+        return xi_eta / xi_length, np.inf, 1.0, xi_length
+    y_length = np.sqrt(y_square)
+    if y_length == 0.0:
+        y_length = np.nan  # no direction
+    for p in range(dim):
+        n[p] = (X[j, p] - X[i, p] + u[j, p] - u[i, p]) / y_length
+    cosine = 1.0
+    if data.rotation_weighted:
+        cosine = (square + xi_eta) / (y_length * xi_length)
+    return (2.0 * xi_eta + eta_eta) / (y_length + xi_length), y_length, cosine, xi_length
+
+
+@njit(cache=True)
+def extensions(D, data, i, first, last, neighbours, u, space):
+    """Fill space.t with n and space.a with e; with a dilatation, space.b with c Lambda and return theta."""
+    theta = 0.0
+    dilates = len(data.c) > 0
+    for b in range(first, last):
+        k = b - first
+        e, _, cosine, _ = extension(D, data, i, neighbours[b], u, space.t[k])
+        space.a[k] = e
+        if dilates:
+            space.b[k] = data.c[b] * cosine
+            theta += space.b[k] * e
+    return theta
+
+
+@implements(force_state, Extensions)
+def force(D, data, f, i, first, last, neighbours, u, space):
+    theta = extensions(D, data, i, first, last, neighbours, u, space)
+    dilates = len(data.c) > 0
+    for b in range(first, last):
+        k = b - first
+        t = data.k[b] * space.a[k]
+        if dilates:
+            t += data.A[f] * theta * space.b[k]
+        for p in range(len(D)):
+            space.t[k, p] *= t
+
+
+@implements(energy_state, Extensions)
+def energy(D, data, f, i, first, last, neighbours, u, space):
+    theta = extensions(D, data, i, first, last, neighbours, u, space)
+    w = 0.5 * data.A[f] * theta * theta if len(data.c) > 0 else 0.0
+    for b in range(first, last):
+        w += 0.5 * data.k[b] * space.a[b - first] ** 2
+    return w
+
+
+@implements(size_state, Extensions)
+def size(D, data, f, i, first, last, neighbours, u, space):
+    dilates = len(data.c) > 0
+    theta = 0.0
+    for b in range(first, last):
+        eta = length(D, u, i) + length(D, u, neighbours[b])
+        space.a[b - first] = data.k[b] * eta
+        if dilates:
+            theta += abs(data.c[b]) * eta
+    if dilates:
+        for b in range(first, last):
+            space.a[b - first] += abs(data.A[f] * data.c[b]) * theta
+
+
+@implements(linearise_state, Extensions)
+def linearise(D, data, tangent, f, i, first, last, neighbours, u, space):
+    # With theta fixed: dt = k n (n.deta) + tau (I - n n) deta/|y| + A theta c n dLambda, tau = k e + A theta c Lambda,
+    # dLambda = (xi/|xi| - Lambda n).deta/|y|; and dtheta = sum c (Lambda n + e dLambda).
+    dim = len(D)
+    dilates = len(data.c) > 0
+    theta = extensions(D, data, i, first, last, neighbours, u, space) if dilates else 0.0
+    if dilates:
+        tangent.A[f] = data.A[f]
+        for p in range(dim):
+            tangent.gamma_center[f, p] = 0.0
+            tangent.h_center[f, p] = 0.0
+    n = space.H[0]
+    for b in range(first, last):
+        j = neighbours[b]
+        e, y_length, cosine, xi_length = extension(D, data, i, j, u, n)
+        pressure = data.A[f] * theta * data.c[b] if dilates else 0.0
+        transverse = (data.k[b] * e + pressure * cosine) / y_length
+        for p in range(dim):
+            for q in range(dim):
+                value = (data.k[b] - transverse) * n[p] * n[q]
+                if p == q:
+                    value += transverse
+                if data.rotation_weighted:
+                    value += pressure * n[p] * turning(data, i, j, q, n, cosine, xi_length) / y_length
+                tangent.block[b, p, q] = value
+        if dilates:
+            for p in range(dim):
+                tangent.gamma[b, p] = data.c[b] * cosine * n[p]
+            if data.rotation_weighted:
+                for p in range(dim):
+                    turn = turning(data, i, j, p, n, cosine, xi_length) / y_length
+                    tangent.h[b, p] = data.c[b] * (cosine * n[p] + e * turn)
+                    tangent.h_center[f, p] -= tangent.h[b, p]
+            for p in range(dim):
+                tangent.gamma_center[f, p] -= tangent.gamma[b, p]
+
+
+@njit(cache=True)
+def turning(data, i, j, p, n, cosine, xi_length):
+    """Component p of xi/|xi| - Lambda n."""
+    return (data.X[j, p] - data.X[i, p]) / xi_length - cosine * n[p]
+
+
+@implements(action_state, ExtensionTangent)
+def action(D, tangent, f, i, first, last, neighbours, du, space):
+    dim = len(D)
+    dilates = len(tangent.gamma) > 0
+    stress = 0.0
+    if dilates:
+        for b in range(first, last):
+            for p in range(dim):
+                stress += tangent.A[f] * tangent.h[b, p] * (du[neighbours[b], p] - du[i, p])
+    for b in range(first, last):
+        for p in range(dim):
+            t = stress * tangent.gamma[b, p] if dilates else 0.0
+            for q in range(dim):
+                t += tangent.block[b, p, q] * (du[neighbours[b], q] - du[i, q])
+            space.t[b - first, p] = t
+
+
+@implements(bond_stiffness, ExtensionTangent)
+def stiffness(D, tangent, b, block):
+    for p in range(len(D)):
+        for q in range(len(D)):
+            block[p, q] = tangent.block[b, p, q]
+
+
+@implements(add_modes, ExtensionTangent)
+def modes(D, tangent, f, b, first, last, neighbours, i, V, position, half, blocks):
+    """V A gamma_b (x) h of every particle of the family."""
+    dim = len(D)
+    if len(tangent.gamma) == 0:
+        return
+    row = half[0, 0]
+    for p in range(dim):
+        row[p] = V * tangent.A[f] * (tangent.gamma_center[f, p] if b < 0 else tangent.gamma[b, p])
+    k = position[i]
+    for p in range(dim):
+        for q in range(dim):
+            blocks[k, p, q] += row[p] * tangent.h_center[f, q]
+    for c in range(first, last):
+        k = position[neighbours[c]]
+        for p in range(dim):
+            for q in range(dim):
+                blocks[k, p, q] += row[p] * tangent.h[c, q]

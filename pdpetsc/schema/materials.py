@@ -1,0 +1,85 @@
+"""The tables of materials, made from the keys that the models name (pdpetsc.materials.base.Keys)."""
+
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
+
+import pdpetsc.materials  # noqa: F401  fills Material.models
+from pdpetsc.bonds import INFLUENCE, PARTIAL_VOLUME
+from pdpetsc.errors import InputError
+from pdpetsc.expressions import Expression, hint
+from pdpetsc.materials.base import Keys, Material
+from pdpetsc.schema.table import Table, error_at
+from pdpetsc.schema.values import Horizon, Positive, SetName
+
+
+def _influence(value: Any) -> str | Expression:
+    """Keep the name of an influence function; read anything else as an expression of r = |xi|/delta."""
+    if isinstance(value, str) and value in INFLUENCE:
+        return value
+    try:
+        expression = Expression(value, ["r"])
+    except InputError as error:
+        raise ValueError(
+            f"must be one of {', '.join(INFLUENCE)}, or an expression of r = |xi|/delta: {error}"
+        ) from None
+    if expression.is_condition:
+        raise ValueError(f"{value!r} is a condition where a number is needed, as in where(r < 0.5, 1, 0)")
+    return expression
+
+
+class AnyMaterial(Table):
+    """What every `[material.NAME]` has, whatever its model."""
+
+    model: str
+    density: Positive | None = None
+    where: SetName = "all"
+    horizon: Horizon | None = None
+    influence: Annotated[str | Expression, PlainValidator(_influence)] = "constant"
+    partial_volume: Literal[*PARTIAL_VOLUME] = "none"
+
+
+def _table(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table]:
+    """A table of these keys, with their defaults and their check."""
+
+    def check(self, info: ValidationInfo):
+        keys.check(self, info.context.dim)
+        return self
+
+    fields = {}
+    for key, hinted in get_type_hints(keys, include_extras=True).items():
+        default = getattr(keys, key, ...)
+        if isinstance(hinted, type) and issubclass(hinted, Keys):
+            hinted = _table(hinted, hinted.__name__, Table)
+            default = Field(default, validate_default=True)
+        fields[key] = (hinted, default)
+    validators = {"check": model_validator(mode="after")(check)}
+    return create_model(
+        name, __base__=base, __doc__=keys.__doc__, __validators__=validators, __module__=__name__, **more, **fields
+    )
+
+
+def _material(model: type[Material]) -> type[AnyMaterial]:
+    quadratures = model.quadratures
+    return _table(
+        model.Keys, model.__name__, AnyMaterial,
+        model=(Literal[model.name], ...), quadrature=(Literal[*quadratures], quadratures[0]),
+    )  # fmt: skip
+
+
+def _of_known_model(table: Any) -> Any:
+    if isinstance(table, dict) and "model" not in table:
+        raise error_at("model", f"is missing; choices: {', '.join(sorted(Material.models))}")
+    if isinstance(table, dict) and (name := table["model"]) not in [*Material.models]:
+        near = hint(name, Material.models) if isinstance(name, str) else ""
+        raise error_at("model", f"there is no model {name!r}{near}; choices: {', '.join(sorted(Material.models))}")
+    return table
+
+
+MaterialTable = Annotated[
+    reduce(or_, [_material(model) for model in Material.models.values()]),
+    Field(discriminator="model"),
+    BeforeValidator(_of_known_model),
+]
