@@ -42,7 +42,7 @@ class Simulation:
 
     Attributes:
         case, comm: what is run, and PETSc's communicator.
-        particles, families, materials, assembler, newton: the discrete problem.
+        particles, families, materials, assembler, newton: the discrete problem; `cut_bonds` of this rank by cracks.
         state: the last committed state.
         schedule: the load steps.
         probes: what is followed.
@@ -67,12 +67,12 @@ class Simulation:
         self.timings = Timings()
         with self.timings("setup"):
             self.particles = _particles(comm, case)
-        p = self.particles
+        p, self.cut_bonds = self.particles, 0
         with self.timings("families"), collective(comm.tompi4py()):
             self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
             if case.body.cracks:
-                whole = intact(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
-                self.families = self.families.without(~whole)
+                cut = ~intact(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
+                self.families, self.cut_bonds = self.families.without(cut), int(cut.sum())
             check_not_lonely(self.families, p.position, p.horizon)
         warn_thin_zones(p, self.families)
         with self.timings("setup"):
@@ -212,6 +212,8 @@ class Simulation:
         return {
             "materials": materials,
             "horizon_tolerance": self.case.body.horizon_tolerance,
+            "cracks": len(self.case.body.cracks),
+            "cut_bonds": mpi.allreduce(self.cut_bonds),
             "solver": f"newton ({self.newton.snes.getType()})",
             "preconditioner": describe_linear_solver(self.newton.snes.getKSP()),
             "tangent": "assembled",

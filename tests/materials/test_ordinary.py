@@ -240,7 +240,7 @@ def test_bonds_of_any_influence_have_the_right_modulus(quadrature):
             quadrature=quadrature,
         )  # fmt: skip
         bulk = np.einsum("ppqq->", stiffness(material, X)) / 4
-        assert bulk == pytest.approx(E / (2 * (1 - 1 / 3)), rel=1e-12 if quadrature == "matched" else 0.03)
+        assert bulk == pytest.approx(E / (2 * (1 - 1 / 3)), rel=1e-12 if quadrature == "matched" else 0.05)
 
 
 @pytest.mark.parametrize(("dim", "plane", "fixed"), [(3, "strain", 1 / 4), (2, "strain", 1 / 4), (2, "stress", 1 / 3)])
