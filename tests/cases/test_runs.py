@@ -4,9 +4,7 @@ import copy
 import csv
 import json
 import re
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -14,8 +12,7 @@ import pytest
 import tomli_w
 from petsc4py import PETSc
 
-from pdpetsc import case, cli
-from pdpetsc import options as petsc_options
+from pdpetsc import case
 from pdpetsc.io.tables import is_result
 from pdpetsc.simulation import Simulation
 
@@ -53,51 +50,6 @@ def changed(document: dict, *removed: str, **entries) -> dict:
         else:
             inner[last] = value
     return document
-
-
-@pytest.fixture(autouse=True)
-def options(monkeypatch):
-    """Put PETSc's options and the exception hook back afterwards."""
-    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
-    petsc_options.set_defaults({})
-    database = PETSc.Options()
-    before = database.getAll()
-    yield
-    petsc_options.set_defaults({})
-    for name in database.getAll():
-        if name not in before:
-            database.delValue(name)
-
-
-@pytest.fixture
-def run(comm, shared_tmp_path, capsys, monkeypatch):
-    """`run(document, *arguments, out=..., petsc={...})`: the command line in this process.
-
-    Gives exit code, directory, summary (None when there is none), and what this rank said.
-    """
-    monkeypatch.chdir(shared_tmp_path)
-
-    def run(document, *arguments, out="out", petsc=None):
-        word = document
-        if not isinstance(document, str):
-            word = "my.toml"
-            if comm.rank == 0:
-                (shared_tmp_path / word).write_text(tomli_w.dumps(document))
-        petsc_options.set_defaults({})  # those of an earlier run: what follows is the user's
-        for name, value in (petsc or {}).items():
-            PETSc.Options()[name] = value
-        comm.Barrier()
-        capsys.readouterr()
-        code = cli.main([word, "--out", str(shared_tmp_path / out), *arguments])
-        said = capsys.readouterr()
-        assert set(comm.allgather(code)) == {code}
-        comm.Barrier()
-        directory = shared_tmp_path / out
-        path = directory / "summary.json"
-        summary = json.loads(path.read_text()) if path.exists() else None
-        return SimpleNamespace(code=code, out=directory, summary=summary, said=said.out, errors=said.err)
-
-    return run
 
 
 def fields(result, step):
@@ -158,6 +110,35 @@ BAD = {
         changed(CANTILEVER, material__rubber__where="end"),
         "particles have no material and 0 have more than one",
     ),
+    "horizon of a material on one particle": (
+        changed(CANTILEVER, material__rubber__where="tip", material__rubber__horizon=2.0),
+        "material.rubber.horizon: needs a set that is given by a condition",
+    ),
+    "bonds of another Poisson's ratio": (
+        changed(CANTILEVER, "material__rubber__nu", material__rubber__model="bond", material__rubber__plane="tension"),
+        "material.rubber.plane: must be 'strain' or 'stress'",
+    ),
+    "crack without extent": (
+        changed(CANTILEVER, body__cracks=[{"from": [1.0, 1.0], "to": [1.0, 1.0]}]),
+        "body.cracks.0",
+    ),
+    "crack of another dimension": (
+        changed(CANTILEVER, body__cracks=[{"at": [1.0, 1.0]}]),
+        "body.cracks.0: a crack in 2D is { from = [x, y], to = [x, y] }",
+    ),
+    "cracks that set a particle free": (
+        changed(
+            CANTILEVER,
+            body__cracks=[{"from": [11.0, -1.0], "to": [11.0, 9.0]}],
+            body__horizon=1.1,
+            material__rubber={"model": "bond", "E": 1.0},
+        ),
+        "load: a piece of 3 particles",
+    ),
+    "refined to nothing": (
+        changed(CANTILEVER, body__refine="where(X > 6, 0.5, 1)"),
+        "body.refine",
+    ),
     "size and spacing": (changed(CANTILEVER, body__size=[12.0, 3.4]), "body.size: [12.0, 3.4] is not a multiple"),
     "unknown variant": ("my.toml:fine", "there is no variant 'fine'"),
     "no such file": ("yours.toml", "yours.toml: there is no such file"),
@@ -188,6 +169,22 @@ def test_bad_input_leaves_an_earlier_result_alone(comm, run):
     result = run(changed(CANTILEVER, sets__end="X > 50"))
     assert result.code == 2
     assert (result.out / "history.csv").read_text() == before
+
+
+def test_materials_with_horizons_of_their_own(comm, run):
+    """Two models in one body: each particle has the horizon and the law of its material, and forces balance."""
+    document = changed(CANTILEVER, sets__hard="X > 6", sets__soft="X <= 6", material__rubber__where="soft")
+    hard = {"model": "ordinary", "E": 2.0, "nu": 0.25, "where": "hard", "horizon": 2.2}
+    document["material"]["hard"] = hard | {"influence": "(1 - r)**2"}
+    result = run(document)
+    assert result.code == 0
+    if comm.rank == 0:
+        with h5py.File(result.out / "fields.h5", "r") as file:
+            horizon, X = file["horizon"][...], file["position"][...]
+        assert np.allclose(horizon, np.where(X[:, 0] > 6, 2.2, 1.515))
+        assert max(result.summary["balance"].values()) < 1e-10
+        assert result.summary["choices"]["materials"]["hard"]["influence"] == "(1 - r)**2"
+        assert result.summary["probes"]["pull"] == pytest.approx(2e-3, rel=1e-8)
 
 
 def test_load_without_a_value_in_the_middle(comm, run):
