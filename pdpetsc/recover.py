@@ -109,8 +109,8 @@ FIELDS: dict[str, Callable[[Recovery], np.ndarray]] = {
     "reaction": lambda r: r.reaction,
     "force": lambda r: r.external,
 }
-"""Names of fields in probes and files: displacement, deformation gradient, Cauchy stress, logarithmic strain, strain
-energy density, reactions, external forces."""
+"""How the fields of `quantities` are computed: displacement, deformation gradient, Cauchy stress, logarithmic strain,
+strain energy density, reactions, external forces."""
 
 
 def component(values: np.ndarray, name: str) -> np.ndarray:

@@ -13,7 +13,7 @@ LONGEST = 350  # lines of a room
 
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
-    ("errors", "expressions", "timings", "parallel", "options"),
+    ("errors", "expressions", "quantities", "timings", "parallel", "options"),
     ("body", "particles", "bonds", "quadrature", "exchange", "support", "grading", "state"),
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
@@ -29,7 +29,14 @@ ONLY = {
     "materials": {"materials", "damage", "bonds", "quadrature", "errors"},
     "damage": {"materials", "damage", "bonds", "errors"},
     "solvers": {"solvers", "assembly", "state", "loads", "errors", "options", "parallel", "timings"},
-    "schema": {"schema", "materials", "bonds", "errors", "expressions"},  # a case is read without MPI and PETSc
+    "schema": {
+        "schema",
+        "materials",
+        "bonds",
+        "quantities",
+        "errors",
+        "expressions",
+    },  # no MPI, no PETSc
     "case": {"schema", "errors", "expressions"},
 }
 # And of everything else: models are testable with two particles and nothing but numpy and numba.

@@ -7,10 +7,10 @@ import numpy as np
 
 from pdpetsc.io.blocks import open_file, write_field
 from pdpetsc.particles import Particles
+from pdpetsc.quantities import QUANTITIES
 from pdpetsc.recover import Recovery
 
 XDMF, HDF5 = "fields.xdmf", "fields.h5"
-WRITTEN = ("u", "F", "stress", "strain", "energy", "reaction", "force")
 
 
 class FieldWriter:
@@ -51,7 +51,7 @@ class FieldWriter:
     def write(self, step: int, time: float, recovery: Recovery) -> None:
         """Append a step (collective)."""
         with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
-            for name in WRITTEN:
+            for name in QUANTITIES:
                 self._write(file, f"{step:05d}/{name}", recovery.field(name))
         self.steps[step] = time
         if self._particles.comm.rank == 0:
@@ -73,8 +73,7 @@ def _for_visualisation(values: np.ndarray) -> np.ndarray:
     return values
 
 
-_KINDS = {1: ("Scalar", ""), 3: ("Vector", " 3"), 9: ("Tensor", " 9")}
-_COMPONENTS = {"u": 3, "reaction": 3, "force": 3, "F": 9, "stress": 9, "strain": 9}
+_KINDS = {0: ("Scalar", ""), 1: ("Vector", " 3"), 2: ("Tensor", " 9")}
 
 
 def _xdmf(count: int, steps: dict[int, float]) -> ElementTree.Element:
@@ -102,9 +101,9 @@ def _xdmf(count: int, steps: dict[int, float]) -> ElementTree.Element:
         item(geometry, "position", f"{count} 3")
         for name, path in [
             *((n, n) for n in ("volume", "horizon", "spacing")),
-            *((n, f"{step:05d}/{n}") for n in WRITTEN),
+            *((n, f"{step:05d}/{n}") for n in QUANTITIES),
         ]:
-            kind, columns = _KINDS[_COMPONENTS.get(name, 1)]
+            kind, columns = _KINDS[QUANTITIES[name].rank if name in QUANTITIES else 0]
             attribute = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
             item(attribute, path, f"{count}{columns}")
     return root

@@ -6,18 +6,7 @@ import h5py
 import numpy as np
 
 from pdpetsc.io.fields import HDF5
-
-PRESSURE = "{force}/{length}^2"
-LABELS = {
-    "u": ("displacement |u|", "{length}"),
-    "stress": ("von Mises stress", PRESSURE),
-    "strain": ("logarithmic strain |e|", ""),
-    "energy": ("strain energy density", PRESSURE),
-    "reaction": ("reaction |r|", "{force}"),
-    "F": ("deformation gradient |F - I|", ""),
-    "force": ("external force |f|", "{force}"),
-}
-"""Label and unit of the number by which each field is coloured."""
+from pdpetsc.quantities import QUANTITIES
 
 VISIBLE = 0.05
 """Displacements below a fifth of this fraction of the body's size are drawn enlarged to this fraction."""
@@ -43,7 +32,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     x = position + factor * u
     shape = np.eye(3) + factor * (F - np.eye(3))
 
-    name, unit = LABELS[field]
+    _, name, unit = QUANTITIES[field]
     unit = unit.format(**summary["units"])
     if dim == 3:
         figure = Figure(figsize=(7.5, 6))

@@ -11,10 +11,10 @@ from pydantic import (
 )
 
 from pdpetsc.expressions import hint
+from pdpetsc.quantities import QUANTITIES
 from pdpetsc.schema.table import Table, exactly_one
 from pdpetsc.schema.values import (
     AXES,
-    RANKS,
     FieldName,
     Name,
     SetName,
@@ -38,7 +38,7 @@ class Probe(Table):
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo):
         exactly_one(self, "at", "line", "set")
-        rank = RANKS[self.field]
+        rank = QUANTITIES[self.field].rank
         names = ["".join(axes) for axes in product(AXES if rank == 2 else AXES[: info.context.dim], repeat=rank)] + [
             "magnitude"
         ]

@@ -9,12 +9,12 @@ from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationIn
 
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
+from pdpetsc.quantities import QUANTITIES
 from pdpetsc.schema.table import Table, exactly_one
 
 AXES = ("x", "y", "z")
 COORDINATES = ("X", "Y", "Z")
 FACES = ("left", "right", "bottom", "top", "back", "front")  # two for each direction, the lower one first
-RANKS = {"u": 1, "F": 2, "stress": 2, "strain": 2, "energy": 0, "reaction": 1, "force": 1}  # of the fields, as tensors
 
 
 class Setting(NamedTuple):
@@ -149,7 +149,7 @@ Name = Annotated[str, AfterValidator(valid_name)]
 SetName = Annotated[str, AfterValidator(known_set)]
 Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
 Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
-FieldName = Literal["u", "F", "stress", "strain", "energy", "reaction", "force"]
+FieldName = Literal[*QUANTITIES]
 Condition = formula(condition=True)
 
 

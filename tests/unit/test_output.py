@@ -7,9 +7,10 @@ import h5py
 import numpy as np
 import pytest
 
-from pdpetsc.io import plot, tables
+from pdpetsc.io import tables
 from pdpetsc.io.plot import colour_values, free_faces, plot_result
-from pdpetsc.schema.values import RANKS
+from pdpetsc.quantities import QUANTITIES
+from pdpetsc.recover import FIELDS
 
 ROWS = [
     {"step": 1, "time": 0.5, "norms": [1.0, 1e-9], "rounding_floor": False, "probes": {"tip": 0.1, "line": [1, 2]}},
@@ -58,8 +59,8 @@ def test_colours_of_other_fields_are_magnitudes():
     assert colour_values("F", np.eye(3).reshape(1, 9) + 1.0) == pytest.approx([3.0])
 
 
-def test_every_field_has_a_label():
-    assert set(plot.LABELS) == set(RANKS)
+def test_every_quantity_is_computed():
+    assert list(FIELDS) == list(QUANTITIES)
 
 
 def refined(counts, division, cell=(1.0, 1.0, 1.0)):
@@ -114,7 +115,7 @@ def test_the_pictures_show_each_spacing(tmp_path):
         assert (tmp_path / "result.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-@pytest.mark.parametrize(("dim", "field"), [(1, "u"), (3, "u"), *((2, name) for name in sorted(RANKS))])
+@pytest.mark.parametrize(("dim", "field"), [(1, "u"), (3, "u"), *((2, name) for name in sorted(QUANTITIES))])
 def test_pictures(tmp_path, dim, field):
     """Every field in every dimension, the undeformed body too, gives an image."""
     n = 12
@@ -126,7 +127,7 @@ def test_pictures(tmp_path, dim, field):
         group["u"] = np.zeros((n, 3)) if dim == 1 else 1e-5 * X
         group["F"] = np.tile(np.eye(3).ravel(), (n, 1))  # the cells are drawn deformed
         if field not in ("u", "F"):
-            group[field] = np.ones((n, 3 ** RANKS[field])[: 1 + bool(RANKS[field])])
+            group[field] = np.ones((n, 3 ** QUANTITIES[field].rank)[: 1 + bool(QUANTITIES[field].rank)])
     summary = {
         "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
         "steps": [{"time": 1.0}],
