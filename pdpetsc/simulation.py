@@ -21,7 +21,7 @@ from pdpetsc.grading import warn_thin_zones
 from pdpetsc.loads.base import Load, Site
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
-from pdpetsc.parallel import collective
+from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Particles, distribute
 from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
@@ -204,7 +204,7 @@ class Simulation:
                 "model": spec.model,
                 "influence": spec.influence if isinstance(spec.influence, str) else spec.influence.text,
                 "partial_volume": spec.partial_volume,
-                "quadrature": spec.quadrature,
+                "quadrature": "plain",
                 "unmatched_families": mpi.allreduce(material.unmatched),
                 "surface_correction": "none",
                 **material.choices(),
@@ -249,6 +249,8 @@ def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]
     count = np.zeros(p.owned, int)
     materials = []
     for name, spec in case.material.items():
+        if unused := [key for key in case.document["material"][name] if key not in type(spec).model_fields]:
+            warn(p.comm.tompi4py(), f"material.{name}: the model {spec.model!r} does not use {', '.join(unused)}")
         members = sets[spec.where]
         count += members
         with collective(p.comm.tompi4py()):
@@ -259,9 +261,16 @@ def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]
                 own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence
             )
             try:
-                materials.append(Material.models[spec.model].from_case(spec, spec.quadrature, part))
+                materials.append(Material.models[spec.model].from_case(spec, part))
             except InputError as error:
                 raise InputError(f"material.{name}: {error}") from None
+    for name, material in zip(case.material, materials):
+        if not p.comm.tompi4py().allreduce(material.resists_strain and len(material.families) > 0, MPI.LOR):
+            raise InputError(
+                f"material.{name}: no particle's bonds resist every strain, so that the body is a mechanism: with this "
+                "horizon they lie along the axes alone; enlarge the horizon to more than 1.42 spacings, or take a "
+                "correspondence material"
+            )
     wrong = p.comm.tompi4py().allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))
     if wrong.any():
         raise InputError(

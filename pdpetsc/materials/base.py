@@ -20,6 +20,7 @@ from pdpetsc.materials.families import dimension
 Positive = Annotated[float, Gt(0)]
 PoissonRatio = Annotated[float, Gt(-1), Lt(0.5)]
 Plane = Literal["strain", "stress"]
+Quadrature = Literal["matched", "plain"]
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,6 @@ class Material:
     models: ClassVar[dict[str, type["Material"]]] = {}
     name: ClassVar[str]
     Keys: ClassVar[type[Keys]]
-    quadratures: ClassVar[tuple[str, ...]] = ("plain",)
-    """Choices of `quadrature` (bond weights), the default first."""
 
     symmetric = True
     """Whether the tangent is symmetric (hyperelastic models)."""
@@ -127,6 +126,8 @@ class Material:
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
+    resists_strain = True
+    """Whether some family resists every strain; a body in which none does is a mechanism."""
 
     def __init_subclass__(cls):
         if "name" in cls.__dict__:
@@ -142,7 +143,7 @@ class Material:
         self._own[part.families.center] = np.arange(len(part.families))
 
     @classmethod
-    def from_case(cls, keys, quadrature: str, part: Neighbourhood) -> "Material":
+    def from_case(cls, keys, part: Neighbourhood) -> "Material":
         """From the keys of the case's `[material.NAME]` table.
 
         Raises:
@@ -151,7 +152,7 @@ class Material:
         raise NotImplementedError
 
     def choices(self) -> dict:
-        """Model switches for summary.json."""
+        """Model switches for summary.json; among them `quadrature` and `surface_correction` where there is a choice."""
         raise NotImplementedError
 
     def displacement_gradient(self, u: np.ndarray) -> np.ndarray:

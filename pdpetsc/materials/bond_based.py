@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 
 from pdpetsc.bonds import Influence
-from pdpetsc.materials.base import Elastic, Neighbourhood, PoissonRatio
+from pdpetsc.materials.base import Elastic, Neighbourhood, PoissonRatio, Quadrature
 from pdpetsc.materials.ordinary import SPHERE, Kinematics, Moduli, Ordinary, SurfaceCorrection, scaled_to
 from pdpetsc.quadrature import matched_weights
 
@@ -38,10 +38,10 @@ class BondBased(Ordinary):
     """
 
     name = "bond"
-    quadratures = ("matched", "plain")
 
     class Keys(Elastic):
         nu: PoissonRatio | None = None
+        quadrature: Quadrature = "matched"
         microelastic: Microelastic = "prototype"
         kinematics: Kinematics = "nonlinear"
         surface_correction: SurfaceCorrection = "none"
@@ -76,19 +76,20 @@ class BondBased(Ordinary):
         k = weight * part.volume[part.families.neighbours]
         if surface_correction == "energy":
             k = scaled_to(part, k, length**2, n**2 * moduli.bulk)
-        self._microelastic, self._surface_correction = microelastic, surface_correction
+        self._switches = {
+            "quadrature": quadrature, "microelastic": microelastic, "surface_correction": surface_correction
+        }  # fmt: skip
         super().__init__(part, moduli, k, kinematics=kinematics)
 
     @classmethod
-    def from_case(cls, keys, quadrature, part):
+    def from_case(cls, keys, part):
         nu = (fixed_poisson(part.dim, keys.plane) or 0.0) if keys.nu is None else keys.nu
         return cls(
-            part, keys.E, nu, keys.plane, quadrature, keys.microelastic, keys.kinematics, keys.surface_correction
+            part, keys.E, nu, keys.plane, keys.quadrature, keys.microelastic, keys.kinematics, keys.surface_correction
         )
 
     def choices(self):
-        switches = {"microelastic": self._microelastic, "surface_correction": self._surface_correction}
-        return super().choices() | switches
+        return super().choices() | self._switches
 
 
 def fixed_poisson(dim: int, plane: str) -> float | None:

@@ -71,7 +71,7 @@ class Correspondence(Material):
         super().__init__(part, data, tangent, modulus)
 
     @classmethod
-    def from_case(cls, keys, quadrature, part):
+    def from_case(cls, keys, part):
         control = keys.stabilisation
         if control.strength is None:
             stabilisation = Stabilisation(control.kind)

@@ -8,12 +8,13 @@ A model is its constants k, c of each bond and A of each family. Moduli are thos
 and plane strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
 """
 
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from pdpetsc.materials import families as kernels
-from pdpetsc.materials.base import Elastic, Material, Neighbourhood
+from pdpetsc.materials.base import Elastic, Material, Neighbourhood, Quadrature
 from pdpetsc.materials.elasticity import lame_constants
 from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent
 from pdpetsc.quadrature import matched_weights
@@ -83,6 +84,7 @@ class Ordinary(Material):
         h, h_center = (gamma, gamma_center) if self.symmetric else (np.empty_like(gamma), np.empty_like(gamma_center))
         block = np.empty((part.families.bonds, dim, dim))
         tangent = ExtensionTangent(block, np.empty(families), gamma, gamma_center, h, h_center)
+        self.resists_strain = _resists_strain(part, k)
         super().__init__(part, data, tangent, moduli.lame + 2 * moduli.shear)
 
     def choices(self):
@@ -128,6 +130,23 @@ class Ordinary(Material):
         return sigma
 
 
+def _resists_strain(part: Neighbourhood, k: np.ndarray) -> bool:
+    """Whether some family has sum k e^2 > 0 for every strain, or there are no families."""
+    families, dim = part.families, part.dim
+    first, second = np.triu_indices(dim)
+    for start in range(0, len(families), 1024):
+        few = families.subset(np.arange(start, min(start + 1024, len(families))))
+        xi = part.position[few.neighbours] - few.per_bond(part.position)
+        modes = xi[:, first] * xi[:, second]
+        stiffness = k[families.offsets[start] :][: few.bonds] / (xi**2).sum(axis=1)
+        ends = [slice(*ends) for ends in pairwise(few.offsets)]
+        energies = np.array([(modes[bonds] * stiffness[bonds, None]).T @ modes[bonds] for bonds in ends])
+        values = np.linalg.eigvalsh(energies)
+        if (values[:, 0] > SMALLEST_SHAPE * values[:, -1]).any():
+            return True
+    return not len(families)
+
+
 class LinearPeridynamicSolid(Ordinary):
     """The linear peridynamic solid, LPS (Silling et al. 2007; seed 002 Eq. 42; FORMULATION "Models").
 
@@ -144,9 +163,9 @@ class LinearPeridynamicSolid(Ordinary):
     """
 
     name = "ordinary"
-    quadratures = ("matched", "plain")
 
     class Keys(Elastic):
+        quadrature: Quadrature = "matched"
         kinematics: Kinematics = "nonlinear"
 
     def __init__(
@@ -155,6 +174,7 @@ class LinearPeridynamicSolid(Ordinary):
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
         weight, length, V = part.weight, part.lengths(), part.volume[part.families.neighbours]
+        self._quadrature = quadrature
         if quadrature == "matched":
             weight, matched = matched_weights(part.families, part.position, part.volume, weight)
             self.unmatched = int((~matched).sum())
@@ -165,8 +185,11 @@ class LinearPeridynamicSolid(Ordinary):
         super().__init__(part, moduli, k, n * weight * V * length / m, A, kinematics)
 
     @classmethod
-    def from_case(cls, keys, quadrature, part):
-        return cls(part, keys.E, keys.nu, keys.plane, quadrature, keys.kinematics)
+    def from_case(cls, keys, part):
+        return cls(part, keys.E, keys.nu, keys.plane, keys.quadrature, keys.kinematics)
+
+    def choices(self):
+        return super().choices() | {"quadrature": self._quadrature}
 
 
 class ABD(Ordinary):
@@ -214,7 +237,7 @@ class ABD(Ordinary):
         super().__init__(part, moduli, k, c, A, kinematics, rotation_weighted)
 
     @classmethod
-    def from_case(cls, keys, quadrature, part):
+    def from_case(cls, keys, part):
         return cls(part, keys.E, keys.nu, keys.plane, keys.kinematics, keys.rotation_weighted, keys.surface_correction)
 
     def choices(self):

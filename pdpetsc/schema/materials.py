@@ -61,25 +61,26 @@ def _table(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table
     )
 
 
-def _material(model: type[Material]) -> type[AnyMaterial]:
-    quadratures = model.quadratures
-    return _table(
-        model.Keys, model.__name__, AnyMaterial,
-        model=(Literal[model.name], ...), quadrature=(Literal[*quadratures], quadratures[0]),
-    )  # fmt: skip
+def material_table(model: type[Material]) -> type[AnyMaterial]:
+    """The table of a model."""
+    return _table(model.Keys, model.__name__, AnyMaterial, model=(Literal[model.name], ...))
+
+
+TABLES = {name: material_table(model) for name, model in Material.models.items()}
 
 
 def _of_known_model(table: Any) -> Any:
-    if isinstance(table, dict) and "model" not in table:
-        raise error_at("model", f"is missing; choices: {', '.join(sorted(Material.models))}")
-    if isinstance(table, dict) and (name := table["model"]) not in [*Material.models]:
-        near = hint(name, Material.models) if isinstance(name, str) else ""
-        raise error_at("model", f"there is no model {name!r}{near}; choices: {', '.join(sorted(Material.models))}")
-    return table
+    """Find the model, and leave out the keys of other models: a case in which only `model` is changed still runs."""
+    choices = f"choices: {', '.join(sorted(TABLES))}"
+    if not isinstance(table, dict):
+        return table
+    if "model" not in table:
+        raise error_at("model", f"is missing; {choices}")
+    if (name := table["model"]) not in [*TABLES]:
+        near = hint(name, TABLES) if isinstance(name, str) else ""
+        raise error_at("model", f"there is no model {name!r}{near}; {choices}")
+    others = {key for other in TABLES.values() for key in other.model_fields} - {*TABLES[name].model_fields}
+    return {key: value for key, value in table.items() if key not in others}
 
 
-MaterialTable = Annotated[
-    reduce(or_, [_material(model) for model in Material.models.values()]),
-    Field(discriminator="model"),
-    BeforeValidator(_of_known_model),
-]
+MaterialTable = Annotated[reduce(or_, TABLES.values()), Field(discriminator="model"), BeforeValidator(_of_known_model)]

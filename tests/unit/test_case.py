@@ -303,8 +303,8 @@ MISTAKES = [
     ('model = "correspondence"', 'model = "bond"', "material.steel: nu = 0.33, but a bond-based material has"),
     ('model = "correspondence"', 'model = "ordinary"\ninfluence = "r <"', "material.steel.influence: must be one of"),
     ('model = "correspondence"', 'model = "ordinary"\ninfluence = "r < 1"', "material.steel.influence: 'r < 1' is a"),
-    ('model = "correspondence"', 'model = "abd"\nquadrature = "matched"', "material.steel.quadrature: must be 'plain'"),
-    ('model = "correspondence"', 'model = "abd"\nelasticity = "hencky"', "material.steel.elasticity: unknown key"),
+    ('model = "correspondence"', 'model = "ordinary"\nquadrature = "fit"', "material.steel.quadrature: must be"),
+    ('model = "correspondence"', 'model = "abd"\nelastisity = "hencky"', "material.steel.elastisity: unknown key"),
     ("nu = 0.33", "nu = 0.5", "material.steel.nu: must be less than 0.5, not 0.5"),
     ("nu = 0.33", 'nu = 0.3\nwhere = "lft"', "material.steel.where: there is no set 'lft' (did you mean 'left'?)"),
     (

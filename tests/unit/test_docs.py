@@ -9,7 +9,7 @@ from models import action, deformation, force, sample, tangent
 from pydantic import ValidationError
 
 from pdpetsc.materials.base import Material
-from pdpetsc.schema.materials import _material
+from pdpetsc.schema.materials import material_table
 from pdpetsc.schema.values import Setting
 
 PAGE = Path(__file__).parents[2] / "docs" / "developers.md"
@@ -49,10 +49,10 @@ def test_it_is_stiffer_along_its_fibres(fibre):
 
 
 def test_its_keys_are_those_of_the_case_file(fibre):
-    table = _material(fibre)
+    table = material_table(fibre)
     setting = Setting(2, ("all",))
     keys = table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0}, context=setting)
-    assert fibre.from_case(keys, "plain", sample(2).neighbourhood()).choices()["fibres"]
+    assert fibre.from_case(keys, sample(2).neighbourhood()).choices()["fibres"]
     for wrong in ({"E": -1.0}, {"stiffening": "much"}, {"nu": 0.3}):
         with pytest.raises(ValidationError):
             table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0} | wrong, context=setting)
