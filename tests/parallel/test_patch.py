@@ -7,7 +7,7 @@ equilibrium, since no two families are alike (FORMULATION, "What is exact and wh
 import numpy as np
 import pytest
 from bodies import affine, assembler, distributed, jittered
-from models import lattice, model, strong_gradient
+from models import MODELS, lattice, model, strong_gradient
 from petsc4py import PETSc
 
 from pdpetsc.options import set_defaults
@@ -57,11 +57,18 @@ def deviation(comm, p, a, u, gradient, size):
     )
 
 
+EXACT = [row.name for row in MODELS if row.control != "spring"]
+FEW = ("hencky-none", "hencky-silling", "ordinary", "bond")  # where others differ in nothing that counts
 CASES = [
-    pytest.param(counts, factor, f"{law}-{control}", id=f"{len(counts)}D, {factor} dx, {law}, {control}")
-    for counts, factor in (((9,), 2.015), ((8, 7), 1.015), ((6, 5), 2.015), ((5, 4), 3.015), ((3, 2, 3), 1.5))
-    for control in ("none", "silling")
-    for law in (("hencky", "saint_venant_kirchhoff", "neo_hookean") if factor == 2.015 else ("hencky",))
+    pytest.param(counts, factor, name, id=f"{len(counts)}D, {factor} dx, {name}")
+    for counts, factor, names in (
+        ((9,), 2.015, EXACT),
+        ((8, 7), 1.015, FEW[:2]),  # springs along the axes alone are a mechanism
+        ((6, 5), 2.015, EXACT),
+        ((5, 4), 3.015, FEW),
+        ((3, 2, 3), 1.5, EXACT),
+    )
+    for name in names
 ]
 
 
@@ -72,9 +79,9 @@ def test_affine_fields_on_a_uniform_lattice(comm, counts, factor, name):
     p, a, free = patch(counts, factor, model(name), gradient)
     ripple = 0.02 * np.random.default_rng(1).uniform(-1, 1, (p.count, p.dim))[p.id[: p.owned]]
     start = p.position[: p.owned] @ gradient.T + np.where(a.constrained, 0.0, ripple)
-    u, record = Newton(a).advance(start, 1.0)
+    assert deviation(comm, p, a, start, gradient, None)[0] > 1e-3
+    u, _ = Newton(a).advance(start, 1.0)
     assert deviation(comm, p, a, u, gradient, None)[0] < 1e-12
-    assert len(record.residual_norms) > 2, "the start was the solution"
     local = a.localise(u)
     (material,) = a.materials
     H = material.displacement_gradient(local)[:, : p.dim, : p.dim]

@@ -208,7 +208,7 @@ def test_residual_is_pure(comm):
     assert not a.external.any()
 
 
-@pytest.mark.parametrize("row", [model("hencky-silling"), model("neo_hookean-none")], ids=lambda row: row.name)
+@every_model
 def test_forces_do_not_depend_on_the_ranks(comm, row):
     """Against the same model on one process, every particle there."""
     X = jittered((8, 7), 0.15)
