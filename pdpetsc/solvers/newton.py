@@ -21,7 +21,8 @@ ROUNDING_MARGIN = 10.0
 
 WORST_FLOOR = 1e-6
 """A residual above this fraction of loads and reactions is no equilibrium, however large the displacements that raise
-its rounding error (those of a body that floats away)."""
+its rounding error (those of a body that floats away). Where there are none, as in a rigid motion, the fraction is that
+of the forces of a strain of as much again."""
 
 NOT_A_NUMBER = -4
 """SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
@@ -145,8 +146,8 @@ class Newton:
         return reasons.ITERATING
 
     def _at_rounding_floor(self, x: PETSc.Vec) -> bool:
-        norm = self._record.residual_norms[-1]
-        if norm > WORST_FLOOR * self._assembler.residual_scale():
+        norm, a = self._record.residual_norms[-1], self._assembler
+        if norm > WORST_FLOOR * max(a.residual_scale(), WORST_FLOOR * a.unit_force):
             return False
         u = x.getArray(readonly=True).reshape(-1, self._assembler.dim)
         return norm <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
