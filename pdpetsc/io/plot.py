@@ -53,7 +53,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     low, high = float(values.min()), float(values.max())
     if high - low < 1e-6 * max(abs(low), abs(high)):  # a uniform field: no colours for rounding errors
         marks.set_clim(low - 0.01 * abs(low), high + 0.01 * abs(high))
-    bar = figure.colorbar(marks, ax=axes, shrink=0.8)
+    bar = figure.colorbar(marks, ax=axes, shrink=0.8, pad=0.14 if dim == 3 else 0.05)
     bar.set_label(name + (f" [{unit}]" if unit else ""), parse_math=False)
     axes.set_xlabel(f"x [{summary['units']['length']}]")
     axes.set_ylabel(f"y [{summary['units']['length']}]" if dim > 1 else "")

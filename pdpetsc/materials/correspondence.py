@@ -52,7 +52,7 @@ class Correspondence(Material):
         plane: str = "strain",
     ):  # fmt: skip
         self._stabilisation = stabilisation
-        self._choices = {"elasticity": elasticity, "plane": plane}
+        self._choices = {"elasticity": elasticity} | ({"plane": plane} if part.dim < 3 else {})
         dim, families = part.dim, part.families
         self._law = law = elastic_law(elasticity, young, poisson, plane, dim)
         self._stress_dim = dimension(dim if plane == "stress" else 3)

@@ -88,7 +88,8 @@ class Ordinary(Material):
         super().__init__(part, data, tangent, moduli.lame + 2 * moduli.shear)
 
     def choices(self):
-        return {"plane": self.moduli.plane, "kinematics": self.kinematics}
+        plane = {"plane": self.moduli.plane} if self.moduli.dim < 3 else {}
+        return {**plane, "kinematics": self.kinematics}
 
     def displacement_gradient(self, u):
         """Of the output: sum w V eta (x) xi K^-1, as a correspondence model has it (zero in directions that the

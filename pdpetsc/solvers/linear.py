@@ -8,6 +8,9 @@ DIRECT_LIMIT = {1: 50e6, 2: 12e6, 3: 1.5e6}
 """Stored entries of the tangent up to which a direct solver is the default, by dimension: about where a factorisation
 and multigrid take the same time (docs/performance.md)."""
 
+GMRES_RESTART = 100
+"""PETSc's own 30 stagnate on slender bodies; each direction costs the memory of a vector."""
+
 
 def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | float]:
     """Return defaults for -ksp_type, -pc_type and what belongs to them.
@@ -33,10 +36,11 @@ def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | floa
             defaults["mat_mumps_icntl_14"] = 50  # room for fill-in by pivoting [%]
     else:
         defaults |= {"ksp_rtol": 1e-8, "ksp_max_it": 2000}
-        if "ksp_type" not in given:
-            defaults |= {"ksp_type": "cg" if symmetric else "gmres", "ksp_norm_type": "unpreconditioned"}
-            if not symmetric:
-                defaults["ksp_pc_side"] = "right"
+        krylov = given.get("ksp_type", "cg" if symmetric else "gmres")
+        if krylov in ("cg", "gmres"):
+            defaults |= {"ksp_type": krylov, "ksp_norm_type": "unpreconditioned"}
+        if krylov == "gmres":
+            defaults |= {"ksp_pc_side": "right", "ksp_gmres_restart": GMRES_RESTART}
         if chosen["pc_type"] == "gamg":
             defaults["pc_gamg_reuse_interpolation"] = "true"  # the tangent changes little between iterations
     return defaults

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from pdpetsc import options
 from pdpetsc.assembly import Assembler
 from pdpetsc.errors import InputError
-from pdpetsc.solvers.linear import default_options, describe_linear_solver
+from pdpetsc.solvers.linear import GMRES_RESTART, default_options, describe_linear_solver
 
 DEFAULTS = {
     "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30, "snes_linesearch_type": "basic",
@@ -165,6 +165,7 @@ class Newton:
         if ksp.getConvergedReason() in (reasons.DIVERGED_INDEFINITE_MAT, reasons.DIVERGED_INDEFINITE_PC):
             ksp.setType(PETSc.KSP.Type.GMRES)
             ksp.setPCSide(PETSc.PC.Side.RIGHT)  # with the unpreconditioned norm that cg had
+            ksp.setGMRESRestart(GMRES_RESTART)
             text += "; the tangent is indefinite (buckling?), so gmres takes over"
         ksp.reset()
         return StepFailed(text)
