@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import pytest
 
 from pdpetsc.bonds import find_families
 from pdpetsc.materials.base import Material, Neighbourhood
@@ -32,6 +33,8 @@ class Model:
         control: zero-energy control of a correspondence model, "" for other models.
         linear: whether kinematics are linear: forces are linear in u.
         inverts: whether it knows inverted families.
+        lateral: whether the directions that a body does not have may be strained (plane stress).
+        dims: dimensions in which it is defined.
     """
 
     name: str
@@ -42,6 +45,8 @@ class Model:
     control: str = ""
     linear: bool = False
     inverts: bool = False
+    lateral: bool = False
+    dims: tuple[int, ...] = (1, 2, 3)
 
 
 def correspondence(elasticity: str, control: str, plane: str = "strain") -> Model:
@@ -50,7 +55,7 @@ def correspondence(elasticity: str, control: str, plane: str = "strain") -> Mode
     return Model(
         f"{elasticity}-{control}" + ("-plane-stress" if plane == "stress" else ""),
         lambda part, young: Correspondence(part, elasticity, young, POISSON, stabilisation, plane),
-        objective=not spring, angular=not spring, control=control, inverts=True,
+        objective=not spring, angular=not spring, control=control, inverts=True, lateral=plane == "stress",
     )  # fmt: skip
 
 
@@ -60,6 +65,7 @@ def ordinary(name: str, model: type[Ordinary], poisson: float = POISSON, **switc
     return Model(
         name, lambda part, young: model(part, young, poisson, **switches),
         objective=not linear and not turning, angular=not linear, hyperelastic=not turning, linear=linear,
+        lateral=switches.get("plane") == "stress",
     )  # fmt: skip
 
 
@@ -79,6 +85,14 @@ MODELS = [
     ordinary("abd-linear", ABD, kinematics="linear"),
 ]
 NAMES = [model.name for model in MODELS]
+
+
+@pytest.fixture(autouse=True)
+def dimensions_of_the_model(request):
+    """Skip a model in dimensions in which it is not defined; acts on the modules that import it."""
+    given = getattr(request.node, "callspec", None)
+    if given and "row" in given.params and given.params.get("dim", 2) not in given.params["row"].dims:
+        pytest.skip("the model is not defined in this dimension")
 
 
 def model(name: str) -> Model:

@@ -6,7 +6,17 @@ from ctypes import CDLL
 import numpy as np
 import pytest
 from bodies import affine, assembler, distributed, jittered, rows_of, whole
-from models import MODELS, NAMES, Sample, deformation, force, lattice, model, strong_gradient
+from models import (
+    MODELS,
+    NAMES,
+    Sample,
+    deformation,
+    dimensions_of_the_model,  # noqa: F401  used by itself
+    force,
+    lattice,
+    model,
+    strong_gradient,
+)
 from petsc4py import PETSc
 
 pytestmark = pytest.mark.mpi

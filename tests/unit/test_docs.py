@@ -1,18 +1,25 @@
 """The worked examples of the developers' page do what they say."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from models import action, deformation, force, sample, tangent
+from models import sample
 from pydantic import ValidationError
 
+from pdpetsc.case import Case
 from pdpetsc.materials.base import Material
 from pdpetsc.schema.materials import material_table
 from pdpetsc.schema.values import Setting
 
-PAGE = Path(__file__).parents[2] / "docs" / "developers.md"
+TESTS = Path(__file__).parents[1]
+PAGE = TESTS.parent / "docs" / "developers.md"
 
 
 @pytest.fixture
@@ -28,16 +35,31 @@ def fibre():
     del Material.models["fibre"]
 
 
-def test_the_new_material_is_a_gradient_with_its_tangent(fibre):
-    body = sample(2)
-    material = fibre(body.neighbourhood(), 1.0, 10.0, 0.5)
-    u = deformation(body.X)
-    v = np.random.default_rng(0).normal(size=u.shape)
-    power = (material.energy(u + 1e-5 * v).sum() - material.energy(u - 1e-5 * v).sum()) / 2e-5
-    assert power == pytest.approx((force(material, u) * v).sum(), rel=1e-7)
-    difference = (force(material, u + 1e-6 * v) - force(material, u - 1e-6 * v)) / 2e-6
-    assert np.abs(action(material, u, v) - difference).max() < 1e-7 * np.abs(difference).max()
-    assert np.allclose(tangent(material, u) @ v.ravel(), action(material, u, v).ravel(), atol=1e-12)
+def test_the_row_goes_through_the_tests_of_the_table(tmp_path):
+    """One file and one row: the page's, put where the tests of models find them."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
+    (code,) = (block for block in blocks if "FibreSheet(Ord" in block)
+    (row,) = (block for block in blocks if block.startswith('Model("fibre"'))
+    table = (TESTS / "models.py").read_text().replace("\nMODELS = [\n", f"\nMODELS = [\n    {row.strip()}\n")
+    (tmp_path / "fibre.py").write_text(code)
+    (tmp_path / "models.py").write_text(f"from fibre import FibreSheet\n{table}")
+    shutil.copy(TESTS / "materials" / "test_models.py", tmp_path)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(TESTS.parent)])}
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--rootdir",
+        str(tmp_path),
+        "-k",
+        "fibre",
+    ]
+    run = subprocess.run([*command, "test_models.py"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+    assert int(re.search(r"(\d+) passed", run.stdout)[1]) > 15
 
 
 def test_it_is_stiffer_along_its_fibres(fibre):
@@ -58,3 +80,26 @@ def test_its_keys_are_those_of_the_case_file(fibre):
             table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0} | wrong, context=setting)
     with pytest.raises(ValidationError, match="two dimensions, not 3"):
         table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0}, context=Setting(3, ("all",)))
+
+
+def test_snippets_of_the_case_file_page_are_valid():
+    """Each TOML block, completed to a whole case."""
+    page = (TESTS.parent / "docs" / "case-file.md").read_text()
+    whole, *parts = re.findall(r"```toml\n(.*?)```", page, re.S)
+    setting = tomllib.loads(whole)
+    for part in [whole, *parts]:
+        given = tomllib.loads(part) if "[" in part.split("=")[0] or "units" in part else {"body": tomllib.loads(part)}
+        document = {key: value for key, value in setting.items() if key not in given} | given
+        document["body"] = setting["body"] | document["body"]
+        names = set(re.findall(r'(?:set|where) = "(\w+)"', part)) - {"all"}
+        document["sets"] = dict.fromkeys(names | {"clamp", "end"}, "X < 1") | document.get("sets", {})
+        variants = document.pop("variant", {})
+        document["probe"] = document.get("probe", []) + [
+            {"name": "tip", "field": "u", "component": "x", "at": [1.0, 1.0]}
+        ]
+        document["probe"] = list({probe["name"]: probe for probe in document["probe"]}.values())
+        if "expect" in document:
+            names = {e["value"].split(".")[1] for e in document["expect"]} - {p["name"] for p in document["probe"]}
+            document["probe"] += [{"name": n, "field": "u", "component": "x", "at": [1.0, 1.0]} for n in names]
+        Case.from_document(document | {"material": document["material"]}, "page", None, "page", False)
+        assert all(isinstance(variant, dict) for variant in variants.values())
