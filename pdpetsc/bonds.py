@@ -74,6 +74,16 @@ class Families:
         """Values of the families' centers repeated for each of their bonds."""
         return np.repeat(values[self.center], np.diff(self.offsets), axis=0)
 
+    def lengths(self, position: np.ndarray) -> np.ndarray:
+        """|xi| of each bond [length]."""
+        xi = position[self.neighbours] - self.per_bond(position)
+        return np.sqrt((xi**2).sum(axis=1))
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums of the bonds' values over each family."""
+        rows = np.repeat(np.arange(len(self)), np.diff(self.offsets))
+        return np.bincount(rows, values, len(self))
+
     def dual(self, particles: int) -> "DualFamilies":
         """The families turned round: for each local particle, the families that contain it."""
         return DualFamilies(*_dual(self.offsets, self.neighbours, particles))
@@ -132,11 +142,28 @@ def bond_weights(
     families: Families, position: np.ndarray, horizon: np.ndarray, spacing: np.ndarray, influence: Influence,
     partial: str,
 ) -> np.ndarray:  # fmt: skip
-    """Influence times partial-volume factor w beta of each bond [-]."""
-    xi = position[families.neighbours] - families.per_bond(position)
-    length = np.sqrt((xi**2).sum(axis=1))
+    """Influence times partial-volume factor w beta of each bond [-]; bonds up to the tolerance have w(1) at most.
+
+    Raises:
+        InputError: a weight is negative or no number, or all weights of a family are zero.
+    """
+    length = families.lengths(position)
     delta = families.per_bond(horizon)
-    return influence(length / delta) * PARTIAL_VOLUME[partial](length, delta, spacing[families.neighbours])
+    r = np.minimum(length / delta, 1.0)
+    weight = influence(r) * PARTIAL_VOLUME[partial](length, delta, spacing[families.neighbours])
+    wrong = np.flatnonzero(~((weight >= 0) & (weight < np.inf)))
+    if len(wrong):
+        raise InputError(
+            f"influence: is {weight[wrong[0]]:g} at r = {r[wrong[0]]:g}; it must be finite and not negative"
+        )
+    without = families.center[np.flatnonzero(families.sums(weight) == 0)]
+    if len(without):
+        where = ", ".join(f"{x:g}" for x in position[without[0]])
+        raise InputError(
+            f"influence: is zero at all neighbours of the particle at ({where}), so that no bond holds it; choose "
+            "another function or a larger horizon"
+        )
+    return weight
 
 
 @njit(cache=True)

@@ -6,6 +6,7 @@ from numba import njit
 
 from pdpetsc.bonds import Families
 from pdpetsc.errors import InputError
+from pdpetsc.parallel import warn
 from pdpetsc.particles import Particles
 
 SMALLEST_HOLD = 1e-12
@@ -52,8 +53,45 @@ def check_support(particles: Particles, families: Families, constrained: np.ndar
         what = "the body" if len(heads) == 1 else f"a piece of {int(sums[loose[0], -1])} particles around ({where})"
         raise InputError(
             f"load: {what} is not held: {motion} meets no prescribed displacement; hold it with [[load]] of kind "
-            "displacement" + ("" if len(heads) == 1 else ", or remove the piece with body.keep")
+            "displacement"
+            + ("" if len(heads) == 1 else ", remove the piece with body.keep, or move the crack that cuts it off")
         )
+
+
+def check_resistance(particles: Particles, materials: list, constrained: np.ndarray) -> None:
+    """Warn of particles around which no family resists every strain, and refuse a body of nothing else (collective).
+
+    Args:
+        particles: of the whole body.
+        materials: with `families` and `resists_strain()`.
+        constrained: (owned, dim) mask of prescribed displacements.
+
+    Raises:
+        InputError: no family of the body resists, and no constraint of single components may hold it.
+    """
+    mpi, n = particles.comm.tompi4py(), particles.owned
+    around = np.zeros(particles.local)
+    for material in materials:
+        families, resists = material.families, material.resists_strain().astype(float)
+        around[families.center] += resists
+        around += np.bincount(families.neighbours, np.repeat(resists, np.diff(families.offsets)), particles.local)
+    around = particles.exchange.reverse_add(around)[:n]
+    loose = np.flatnonzero((around == 0) & ~constrained.all(axis=1))
+    first = (int(particles.id[loose[0]]), tuple(particles.position[loose[0]])) if len(loose) else (np.inf, ())
+    count = mpi.allreduce(len(loose))
+    if not count:
+        return
+    where = ", ".join(f"{x:g}" for x in min(mpi.allgather(first))[1])
+    whole = mpi.allreduce(float(around.sum())) == 0
+    partly = mpi.allreduce(int((constrained.any(axis=1) & ~constrained.all(axis=1)).sum()))
+    text = (
+        f"material: the bonds around {count} particles, the first at ({where}), do not resist every strain, because "
+        "they are too few or lie along the axes alone, so that they may be a mechanism; enlarge the horizon to more "
+        "than 1.42 spacings or add rows of particles"
+    )
+    if whole and not partly:
+        raise InputError(text)
+    warn(mpi, text)
 
 
 def rigid_motions(X: np.ndarray) -> tuple[np.ndarray, list[str]]:

@@ -101,18 +101,14 @@ def _divisions(body, position: np.ndarray, spacing: float) -> np.ndarray:
     """Particles along an edge of each cell, as floating-point numbers that may be too large for an integer."""
     if body.refine is None:
         return np.ones(len(position))
-    try:
-        values = body.refine(**coordinates(position, np.full(len(position), spacing)))
-    except InputError as error:
-        raise InputError(f"body.refine: {error}") from None
-    values = np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
-    bad = np.flatnonzero(values < 1)
+    values = body.refine(**coordinates(position, np.full(len(position), spacing)))
+    bad = np.flatnonzero(values < 1 - 1e-6)
     if len(bad):
         raise InputError(
-            f"body.refine: gives a cell {values[bad[0]]:g} particles along its edges at ({_place(position[bad[0]])}); "
-            "it must be at least 1"
+            f"body.refine: is {values[bad[0]]:g} at ({_place(position[bad[0]])}), but a cell has at least 1 particle "
+            "along its edges"
         )
-    return values
+    return np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
 
 
 def _divide(index: np.ndarray, division: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

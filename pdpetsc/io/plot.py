@@ -103,7 +103,7 @@ def _cubes(axes, position: np.ndarray, x: np.ndarray, shape: np.ndarray, spacing
             cells = side * spacing[free, None, None] * corners
             faces.append(x[free, None] + cells @ shape[free].transpose(0, 2, 1))
             colours.append(values[free])
-            brightness.append(np.full(free.sum(), {0: 0.8, 1: 0.7, 2: 1.0}[axis]))
+            brightness.append(np.full(free.sum(), {0: 0.9, 1: 0.85, 2: 1.0}[axis]))
     quads, colours = np.concatenate(faces), np.concatenate(colours)
     mapped = ScalarMappable(Normalize(values.min(), values.max()))
     shaded = mapped.to_rgba(colours)

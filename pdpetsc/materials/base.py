@@ -62,16 +62,6 @@ class Neighbourhood:
         """center, offsets and neighbours, as kernels take them."""
         return self.families.center, self.families.offsets, self.families.neighbours
 
-    def lengths(self) -> np.ndarray:
-        """|xi| of each bond [length]."""
-        xi = self.position[self.families.neighbours] - self.families.per_bond(self.position)
-        return np.sqrt((xi**2).sum(axis=1))
-
-    def sums(self, values: np.ndarray) -> np.ndarray:
-        """Sums of the bonds' values over each family."""
-        rows = np.repeat(np.arange(len(self.families)), np.diff(self.families.offsets))
-        return np.bincount(rows, values, len(self.families))
-
     def shape_tensors(self) -> np.ndarray:
         """K = sum w beta V_j xi (x) xi of each family (seed 004 Eq. 3.19)."""
         X, weight = self.position, self.weight * self.volume[self.families.neighbours]
@@ -126,8 +116,6 @@ class Material:
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
-    resists_strain = True
-    """Whether some family resists every strain; a body in which none does is a mechanism."""
 
     def __init_subclass__(cls):
         if "name" in cls.__dict__:
@@ -154,6 +142,10 @@ class Material:
     def choices(self) -> dict:
         """Model switches for summary.json; among them `quadrature` and `surface_correction` where there is a choice."""
         raise NotImplementedError
+
+    def resists_strain(self) -> np.ndarray:
+        """Whether each family resists every strain (families,); where none around a particle does, nothing holds it."""
+        return np.ones(len(self.families), bool)
 
     def displacement_gradient(self, u: np.ndarray) -> np.ndarray:
         """H = F - I of each family, (families, 3, 3) with the directions that the body does not have."""

@@ -21,8 +21,8 @@ class BondBased(Ordinary):
     C is *half* the classical micromodulus c, since both directions of a bond act. It makes the bulk modulus right:
     sum k |xi|^2 = n^2 K' over the full horizon, where k = C w V/|xi| or C w V. With w = 1, in 3D, 2D, 1D:
 
-        prototype  c = 18 K/(pi delta^4),    12 K'/(pi h delta^3),  2 E/(A delta^2)
-        general    c = 22.5 K/(pi delta^5),  16 K'/(pi h delta^4),  3 E/(A delta^3)
+        prototype  c = 18 K/(pi delta^4),    12 K'/(pi h delta^3),  2 K'/(A delta^2)
+        general    c = 22.5 K/(pi delta^5),  16 K'/(pi h delta^4),  3 K'/(A delta^3)
 
     With matched weights sum k |xi|^2 n n n n = n^2 K' times the isotropic tensor in every family, cut ones included.
 
@@ -49,6 +49,8 @@ class BondBased(Ordinary):
 
         def check(self, dim):
             Elastic.check(self, dim)
+            if self.surface_correction != "none" and self.quadrature != "plain":
+                raise ValueError('surface_correction goes with quadrature = "plain"; matched weights need none')
             fixed = fixed_poisson(dim, self.plane)
             if None in (fixed, self.nu) or self.allow_any_poisson or abs(self.nu - fixed) < SAME_RATIO:
                 return
@@ -63,7 +65,7 @@ class BondBased(Ordinary):
         microelastic: str = "prototype", kinematics: str = "nonlinear", surface_correction: str = "none",
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
-        n, length = part.dim, part.lengths()
+        n, length = part.dim, part.families.lengths(part.position)
         delta = part.families.per_bond(part.horizon)
         power = n if microelastic == "prototype" else n + 1  # of r in the integral of w(r) over the horizon
         surface = SPHERE[n] * part.thickness
@@ -77,13 +79,17 @@ class BondBased(Ordinary):
         if surface_correction == "energy":
             k = scaled_to(part, k, length**2, n**2 * moduli.bulk)
         self._switches = {
-            "quadrature": quadrature, "microelastic": microelastic, "surface_correction": surface_correction
+            "nu": poisson, "quadrature": quadrature, "microelastic": microelastic,
+            "surface_correction": surface_correction,
         }  # fmt: skip
         super().__init__(part, moduli, k, kinematics=kinematics)
 
     @classmethod
     def from_case(cls, keys, part):
-        nu = (fixed_poisson(part.dim, keys.plane) or 0.0) if keys.nu is None else keys.nu
+        fixed = fixed_poisson(part.dim, keys.plane)
+        nu = (fixed or 0.0) if keys.nu is None else keys.nu
+        if fixed and not keys.allow_any_poisson:
+            nu = fixed
         return cls(
             part, keys.E, nu, keys.plane, keys.quadrature, keys.microelastic, keys.kinematics, keys.surface_correction
         )

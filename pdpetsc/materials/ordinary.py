@@ -8,15 +8,16 @@ A model is its constants k, c of each bond and A of each family. Moduli are thos
 and plane strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
 """
 
-from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from pdpetsc.bonds import INFLUENCE
+from pdpetsc.errors import InputError
 from pdpetsc.materials import families as kernels
 from pdpetsc.materials.base import Elastic, Material, Neighbourhood, Quadrature
 from pdpetsc.materials.elasticity import lame_constants
-from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent
+from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent, resist_strain
 from pdpetsc.quadrature import matched_weights
 
 Kinematics = Literal["nonlinear", "linear"]
@@ -84,8 +85,12 @@ class Ordinary(Material):
         h, h_center = (gamma, gamma_center) if self.symmetric else (np.empty_like(gamma), np.empty_like(gamma_center))
         block = np.empty((part.families.bonds, dim, dim))
         tangent = ExtensionTangent(block, np.empty(families), gamma, gamma_center, h, h_center)
-        self.resists_strain = _resists_strain(part, k)
         super().__init__(part, data, tangent, moduli.lame + 2 * moduli.shear)
+
+    def resists_strain(self):
+        resists = np.empty(len(self.families), bool)
+        resist_strain(self._D, *self._bonds, self._part.position, self._data.k, resists)
+        return resists
 
     def choices(self):
         plane = {"plane": self.moduli.plane} if self.moduli.dim < 3 else {}
@@ -111,7 +116,8 @@ class Ordinary(Material):
         ratio = -self.moduli.lame / (2 * self.moduli.shear)
         if self.kinematics == "linear":
             return ratio * np.trace(H, axis1=1, axis2=2)
-        return np.expm1(ratio * np.log(np.abs(np.linalg.det(np.eye(H.shape[1]) + H))))
+        J = np.linalg.det(np.eye(H.shape[1]) + H)
+        return np.expm1(ratio * np.log(np.where(J > 0, J, np.nan)))
 
     def cauchy_stress(self, u):
         """sum T (x) y V_j/J of the family (FORMULATION's family stress), symmetric since T is along y; in plane
@@ -129,23 +135,6 @@ class Ordinary(Material):
             free = range(dim, 3)
             sigma[:, free, free] = (lame / (dim * lame + 2 * shear) * np.trace(sigma, axis1=1, axis2=2))[:, None]
         return sigma
-
-
-def _resists_strain(part: Neighbourhood, k: np.ndarray) -> bool:
-    """Whether some family has sum k e^2 > 0 for every strain, or there are no families."""
-    families, dim = part.families, part.dim
-    first, second = np.triu_indices(dim)
-    for start in range(0, len(families), 1024):
-        few = families.subset(np.arange(start, min(start + 1024, len(families))))
-        xi = part.position[few.neighbours] - few.per_bond(part.position)
-        modes = xi[:, first] * xi[:, second]
-        stiffness = k[families.offsets[start] :][: few.bonds] / (xi**2).sum(axis=1)
-        ends = [slice(*ends) for ends in pairwise(few.offsets)]
-        energies = np.array([(modes[bonds] * stiffness[bonds, None]).T @ modes[bonds] for bonds in ends])
-        values = np.linalg.eigvalsh(energies)
-        if (values[:, 0] > SMALLEST_SHAPE * values[:, -1]).any():
-            return True
-    return not len(families)
 
 
 class LinearPeridynamicSolid(Ordinary):
@@ -174,12 +163,12 @@ class LinearPeridynamicSolid(Ordinary):
         kinematics: str = "nonlinear",
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
-        weight, length, V = part.weight, part.lengths(), part.volume[part.families.neighbours]
+        weight, length, V = part.weight, part.families.lengths(part.position), part.volume[part.families.neighbours]
         self._quadrature = quadrature
         if quadrature == "matched":
             weight, matched = matched_weights(part.families, part.position, part.volume, weight)
             self.unmatched = int((~matched).sum())
-        m = np.repeat(part.sums(weight * V * length**2), np.diff(part.families.offsets))
+        m = np.repeat(part.families.sums(weight * V * length**2), np.diff(part.families.offsets))
         n = part.dim
         A = np.full(len(part.families), moduli.bulk - (n + 2) * moduli.shear / n)
         k = n * (n + 2) * moduli.shear * weight * V / m
@@ -224,7 +213,7 @@ class ABD(Ordinary):
         kinematics: str = "nonlinear", rotation_weighted: bool = True, surface_correction: str = "none",
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
-        n, length = part.dim, part.lengths()
+        n, length = part.dim, part.families.lengths(part.position)
         delta = part.families.per_bond(part.horizon)
         surface = SPHERE[n] * part.thickness
         wV = part.weight * part.volume[part.families.neighbours]
@@ -239,6 +228,11 @@ class ABD(Ordinary):
 
     @classmethod
     def from_case(cls, keys, part):
+        if part.influence is not INFLUENCE["constant"]:
+            raise InputError(
+                "influence: the a-b-d form has the constants of a constant influence function; "
+                'model = "ordinary" takes any'
+            )
         return cls(part, keys.E, keys.nu, keys.plane, keys.kinematics, keys.rotation_weighted, keys.surface_correction)
 
     def choices(self):
@@ -250,4 +244,4 @@ def scaled_to(part: Neighbourhood, values: np.ndarray, measure: np.ndarray, tota
     """Values of the bonds, scaled in each family so that sum values measure = total: the energy-based surface
     correction. A family that a surface cuts, or that a lattice fills unevenly, then stores the energy of the solid in
     a state of equal strain in all directions."""
-    return values * np.repeat(total / part.sums(values * measure), np.diff(part.families.offsets))
+    return values * np.repeat(total / part.families.sums(values * measure), np.diff(part.families.offsets))

@@ -27,6 +27,9 @@ from pdpetsc.materials.families import (
     size_state,
 )
 
+SMALLEST_PIVOT = 1e-6
+"""Share of the trace below which a family does not resist some strain."""
+
 
 class Extensions(NamedTuple):
     """Data of an ordinary model.
@@ -226,3 +229,33 @@ def modes(D, tangent, f, b, first, last, neighbours, i, V, position, half, block
         for p in range(dim):
             for q in range(dim):
                 blocks[k, p, q] += row[p] * tangent.h[c, q]
+
+
+@njit(cache=True)
+def resist_strain(D, center, offsets, neighbours, X, k, resists):
+    """Whether sum k e^2 is positive for every strain, in each family: the pivots of that quadratic form."""
+    dim = len(D)
+    modes = dim * (dim + 1) // 2
+    gram = np.empty((modes, modes))
+    mode = np.empty(modes)
+    for f in range(len(center)):
+        gram[:] = 0.0
+        for b in range(offsets[f], offsets[f + 1]):
+            square, a = 0.0, 0
+            for p in range(dim):
+                square += (X[neighbours[b], p] - X[center[f], p]) ** 2
+                for q in range(p, dim):
+                    mode[a] = (X[neighbours[b], p] - X[center[f], p]) * (X[neighbours[b], q] - X[center[f], q])
+                    a += 1
+            for p in range(modes):
+                for q in range(modes):
+                    gram[p, q] += k[b] / square * mode[p] * mode[q]
+        least = SMALLEST_PIVOT * np.trace(gram)
+        resists[f] = True
+        for a in range(modes):
+            if not gram[a, a] > least:
+                resists[f] = False
+                break
+            for p in range(a + 1, modes):
+                for q in range(a + 1, modes):
+                    gram[p, q] -= gram[p, a] * gram[a, q] / gram[a, a]

@@ -119,8 +119,28 @@ BAD = {
         "material.rubber.plane: must be 'strain' or 'stress'",
     ),
     "springs along the axes": (
-        changed(CANTILEVER, body__horizon=1.2, material__rubber__model="ordinary"),
-        "material.rubber: no particle's bonds resist every strain",
+        changed(
+            CANTILEVER,
+            body__horizon=1.2,
+            material__rubber={"model": "ordinary", "E": 1.0, "nu": 0.3, "quadrature": "plain"},
+        ),
+        "material: the bonds around 36 particles, the first at (0.5, 0.5), do not resist every strain",
+    ),
+    "influence of nothing": (
+        changed(CANTILEVER, material__rubber__influence="where(r < 0.1, 1, 0)"),
+        "material.rubber: influence: is zero at all neighbours of the particle at (",
+    ),
+    "influence that turns": (
+        changed(CANTILEVER, material__rubber__model="ordinary", material__rubber__influence="0.8 - r"),
+        "material.rubber: influence: is -",
+    ),
+    "influence of no number": (
+        changed(CANTILEVER, material__rubber__influence="1 / (1 - r**0)"),
+        "material.rubber.influence: '1 / (1 - r**0)' is inf at r = ",
+    ),
+    "another influence than the constants'": (
+        changed(CANTILEVER, material__rubber__model="abd", material__rubber__influence="linear"),
+        "material.rubber: influence: the a-b-d form has the constants of a constant influence function",
     ),
     "crack without extent": (
         changed(CANTILEVER, body__cracks=[{"from": [1.0, 1.0], "to": [1.0, 1.0]}]),
@@ -216,6 +236,42 @@ def test_materials_with_horizons_of_their_own(comm, run):
         assert max(result.summary["balance"].values()) < 1e-10
         assert result.summary["choices"]["materials"]["hard"]["influence"] == "(1 - r)**2"
         assert result.summary["probes"]["pull"] == pytest.approx(2e-3, rel=1e-8)
+
+
+def test_warnings_of_what_does_nothing_or_too_little(comm, run):
+    """A crack beside the body, weights that cannot be matched, springs along the axes in a part of the body."""
+    away = {"from": [100.0, 0.0], "to": [100.0, 5.0]}
+    through = {"from": [6.0, 1.0], "to": [6.0, 9.0]}
+    result = run(changed(CANTILEVER, body__cracks=[through, away], solver__steps=1))
+    assert result.code == 0
+    if comm.rank == 0:
+        assert "warning: body.cracks.1: cuts no bond" in result.errors
+        assert "cracks.0" not in result.errors
+        assert result.summary["choices"]["cut_bonds"][0] > 0 == result.summary["choices"]["cut_bonds"][1]
+    steep = {"model": "bond", "E": 1.0, "influence": "1 / r**9"}
+    result = run(changed(CANTILEVER, material__rubber=steep, body__horizon=2.2, solver__steps=1))
+    assert result.code == 0
+    if comm.rank == 0:
+        assert "families could not be matched, so that its moduli are not right" in result.errors
+    springs = changed(
+        CANTILEVER, material__rubber={"model": "ordinary", "E": 1.0, "nu": 0.3}, solver__adaptive=False,
+        body__horizon={"factor": "where(X < 8, 1.2, 2.2)"},
+    )  # fmt: skip
+    result = run(springs)
+    if comm.rank == 0:
+        assert "warning: material: the bonds around 1" in result.errors
+
+
+def test_one_particle_of_springs_in_a_sound_body_is_held(comm, run):
+    """Its neighbours' families see it."""
+    document = changed(CANTILEVER, sets__core={"nearest": [6.5, 1.5]}, sets__rest="hypot(X - 6.5, Y - 1.5) > 0.1")
+    rubber = {"model": "ordinary", "E": 1.0, "nu": 0.25, "where": "rest", "horizon": 2.2}
+    document["material"] = {"rubber": rubber, "core": {"model": "bond", "E": 1.0, "where": "core"}}
+    document["body"]["horizon"] = 1.2
+    result = run(document)
+    assert result.code == 0
+    if comm.rank == 0:
+        assert "mechanism" not in result.errors
 
 
 def test_load_without_a_value_in_the_middle(comm, run):
