@@ -238,6 +238,45 @@ def test_materials_with_horizons_of_their_own(comm, run):
         assert result.summary["probes"]["pull"] == pytest.approx(2e-3, rel=1e-8)
 
 
+@pytest.mark.parametrize(("zone", "ratio"), [("abs(Y) < 0.05", 2), ("0 < Y < 0.01", 4)])
+def test_plate_with_an_elliptical_hole(comm, run, zone, ratio):
+    """Seed 000 Fig. 3.5, Table 4.1 at four times the spacing: a local zone across the width, horizon ratio 2; and one
+    that is too thin by Eq. 100, of which a warning tells."""
+    document = {
+        "body": {
+            "size": [0.5, 0.5], "origin": [-0.25, -0.25], "spacing": 0.01, "horizon": 3.015,
+            "refine": f"where({zone}, {ratio}, 1)", "keep": "hypot(X / 0.05, Y / 0.006) > 1",
+            "cracks": [{"from": [-0.05, 0.0], "to": [0.05, 0.0]}],
+        },
+        "sets": {"low": "Y < -0.24", "high": "Y > 0.24", "foot": {"nearest": [0.0, -0.245]}},
+        "material": {"steel": {"model": "ordinary", "E": 200e9, "nu": 0.3, "plane": "stress"}},
+        "load": [
+            {"kind": "displacement", "set": "low", "component": "y", "value": 0.0},
+            {"kind": "displacement", "set": "foot", "component": "x", "value": 0.0},
+            {"kind": "pressure", "set": "high", "normal": "y", "value": "-1e6 * t"},
+        ],
+        "solver": {"steps": 1},
+        "probe": [{"name": "opening", "field": "u", "component": "y", "line": [[0.0, 0.012], [0.0, -0.012], 2]}],
+    }  # fmt: skip
+    result = run(document)
+    assert result.code == 0
+    if comm.rank:
+        return
+    assert ("zone of smaller horizons is only" in result.errors) == (ratio == 4)
+    with h5py.File(result.out / "fields.h5", "r") as file:
+        X, volume, horizon = file["position"][...], file["volume"][...], file["horizon"][...]
+        u = file["00001/u"][...]
+    assert set(np.round(horizon / 3.015, 9)) == {0.01, round(0.01 / ratio, 9)}
+    assert volume.sum() == pytest.approx(0.25 - np.pi * 0.05 * 0.006, rel=1e-3)
+    assert result.summary["balance"]["force"] < 1e-10
+    mirror = np.lexsort((np.round(X[:, 1], 9), np.round(-X[:, 0], 9)))
+    straight = np.lexsort((np.round(X[:, 1], 9), np.round(X[:, 0], 9)))
+    if ratio == 2:
+        assert np.abs(u[mirror, 1] - u[straight, 1]).max() < 1e-3 * np.abs(u[:, 1]).max()
+        upper, lower = result.summary["probes"]["opening"]
+        assert upper - lower == pytest.approx(4 * 0.05 * 1e6 / 200e9, rel=0.25)  # of a slit, 4 a S/E
+
+
 def test_warnings_of_what_does_nothing_or_too_little(comm, run):
     """A crack beside the body, weights that cannot be matched, springs along the axes in a part of the body."""
     away = {"from": [100.0, 0.0], "to": [100.0, 5.0]}
