@@ -65,7 +65,7 @@ def shape_gradients(D, center, offsets, neighbours, X, weight, inverse, g, g_cen
                 g_center[f, p] -= g[b, p]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def gradient(D, i, first, last, neighbours, g, u, H):
     """H = sum eta (x) g of the family of i."""
     dim = len(D)
@@ -80,7 +80,7 @@ def gradient(D, i, first, last, neighbours, g, u, H):
                 H[p, q] += eta * g[b, q]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def gradient_forces(D, i, first, last, neighbours, g, spring, P, u, t):
     """t = P g + spring eta."""
     dim = len(D)
@@ -96,14 +96,14 @@ def gradient_forces(D, i, first, last, neighbours, g, spring, P, u, t):
 @implements(force_state, Gradients)
 def force(D, data, f, i, first, last, neighbours, u, space):
     dim = len(D)
-    H, P = space.H, space.P
-    gradient(D, i, first, last, neighbours, data.g, u, H)
+    H, P, g, affine = space.H, space.P, data.g, data.affine
+    gradient(D, i, first, last, neighbours, g, u, H)
     first_piola(data.law, H, P, space.work)
     for p in range(dim):
         for q in range(dim):
             for r in range(dim):
-                P[p, q] -= H[p, r] * data.affine[f, r, q]
-    gradient_forces(D, i, first, last, neighbours, data.g, data.spring, P, u, space.t)
+                P[p, q] -= H[p, r] * affine[f, r, q]
+    gradient_forces(D, i, first, last, neighbours, g, data.spring, P, u, space.t)
 
 
 @implements(energy_state, Gradients)
@@ -161,29 +161,31 @@ def action(D, tangent, f, i, first, last, neighbours, du, space):
 
 @implements(bond_stiffness, GradientTangent)
 def stiffness(D, tangent, b, block):
+    spring = tangent.spring[b]
     for p in range(len(D)):
         for q in range(len(D)):
-            block[p, q] = tangent.spring[b] if p == q else 0.0
+            block[p, q] = 0.0
+        block[p, p] = spring
 
 
 @implements(add_modes, GradientTangent)
 def modes(D, tangent, f, b, first, last, neighbours, i, V, position, half, blocks):
     """V g_b . tensor . g of every particle of the family."""
     dim = len(D)
-    g = tangent.g
+    g, g_center, tensor = tangent.g, tangent.g_center, tangent.tensor
     for p in range(dim):
         for r in range(dim):
             for s in range(dim):
                 value = 0.0
                 for q in range(dim):
-                    g_row = tangent.g_center[f, q] if b < 0 else g[b, q]
-                    value += tangent.tensor[f, p, q, r, s] * g_row
+                    g_row = g_center[f, q] if b < 0 else g[b, q]
+                    value += tensor[f, p, q, r, s] * g_row
                 half[p, r, s] = V * value
     k = position[i]
     for p in range(dim):
         for r in range(dim):
             for s in range(dim):
-                blocks[k, p, r] += half[p, r, s] * tangent.g_center[f, s]
+                blocks[k, p, r] += half[p, r, s] * g_center[f, s]
     for c in range(first, last):
         k = position[neighbours[c]]
         for p in range(dim):

@@ -63,11 +63,10 @@ class ExtensionTangent(NamedTuple):
     h_center: np.ndarray
 
 
-@njit(cache=True)
-def extension(D, data, i, j, u, n):
+@njit(cache=True, inline="always")
+def extension(D, X, rotation_weighted, linear, i, j, u, n):
     """Fill n; (e, |y|, Lambda, |xi|) of the bond from i to j."""
     dim = len(D)
-    X = data.X
     square, xi_eta, eta_eta, y_square = 0.0, 0.0, 0.0, 0.0
     for p in range(dim):
         xi = X[j, p] - X[i, p]
@@ -77,52 +76,56 @@ def extension(D, data, i, j, u, n):
         eta_eta += eta * eta
         y_square += (xi + eta) * (xi + eta)
     xi_length = np.sqrt(square)
-    if data.linear:
+    y_length, e, cosine = np.inf, xi_eta / xi_length, 1.0
+    if linear:
         for p in range(dim):
             n[p] = (X[j, p] - X[i, p]) / xi_length
-        return xi_eta / xi_length, np.inf, 1.0, xi_length
-    y_length = np.sqrt(y_square)
-    if y_length == 0.0:
-        y_length = np.nan  # no direction
-    for p in range(dim):
-        n[p] = (X[j, p] - X[i, p] + u[j, p] - u[i, p]) / y_length
-    cosine = 1.0
-    if data.rotation_weighted:
-        cosine = (square + xi_eta) / (y_length * xi_length)
-    return (2.0 * xi_eta + eta_eta) / (y_length + xi_length), y_length, cosine, xi_length
+    else:
+        y_length = np.sqrt(y_square)
+        if y_length == 0.0:
+            y_length = np.nan  # no direction
+        for p in range(dim):
+            n[p] = (X[j, p] - X[i, p] + u[j, p] - u[i, p]) / y_length
+        e = (2.0 * xi_eta + eta_eta) / (y_length + xi_length)
+        if rotation_weighted:
+            cosine = (square + xi_eta) / (y_length * xi_length)
+    return e, y_length, cosine, xi_length
 
 
-@njit(cache=True)
-def extensions(D, data, i, first, last, neighbours, u, space):
-    """Fill space.t with n and space.a with e; with a dilatation, space.b with c Lambda and return theta."""
+@njit(cache=True, inline="always")
+def extensions(D, X, c, rotation_weighted, linear, i, first, last, neighbours, u, t, a, b):
+    """Fill t with n and a with e; with a dilatation, b with c Lambda and return theta."""
     theta = 0.0
-    dilates = len(data.c) > 0
-    for b in range(first, last):
-        k = b - first
-        e, _, cosine, _ = extension(D, data, i, neighbours[b], u, space.t[k])
-        space.a[k] = e
+    dilates = len(c) > 0
+    for bond in range(first, last):
+        k = bond - first
+        e, _, cosine, _ = extension(D, X, rotation_weighted, linear, i, neighbours[bond], u, t[k])
+        a[k] = e
         if dilates:
-            space.b[k] = data.c[b] * cosine
-            theta += space.b[k] * e
+            b[k] = c[bond] * cosine
+            theta += b[k] * e
     return theta
 
 
 @implements(force_state, Extensions)
 def force(D, data, f, i, first, last, neighbours, u, space):
-    theta = extensions(D, data, i, first, last, neighbours, u, space)
-    dilates = len(data.c) > 0
+    stiffness, c, t, a, share = data.k, data.c, space.t, space.a, space.b
+    theta = extensions(D, data.X, c, data.rotation_weighted, data.linear, i, first, last, neighbours, u, t, a, share)
+    pressure = data.A[f] * theta if len(c) > 0 else 0.0
     for b in range(first, last):
         k = b - first
-        t = data.k[b] * space.a[k]
-        if dilates:
-            t += data.A[f] * theta * space.b[k]
+        size = stiffness[b] * a[k]
+        if len(c) > 0:
+            size += pressure * share[k]
         for p in range(len(D)):
-            space.t[k, p] *= t
+            t[k, p] *= size
 
 
 @implements(energy_state, Extensions)
 def energy(D, data, f, i, first, last, neighbours, u, space):
-    theta = extensions(D, data, i, first, last, neighbours, u, space)
+    theta = extensions(
+        D, data.X, data.c, data.rotation_weighted, data.linear, i, first, last, neighbours, u, space.t, space.a, space.b
+    )
     w = 0.5 * data.A[f] * theta * theta if len(data.c) > 0 else 0.0
     for b in range(first, last):
         w += 0.5 * data.k[b] * space.a[b - first] ** 2
@@ -148,43 +151,40 @@ def linearise(D, data, tangent, f, i, first, last, neighbours, u, space):
     # With theta fixed: dt = k n (n.deta) + tau (I - n n) deta/|y| + A theta c n dLambda, tau = k e + A theta c Lambda,
     # dLambda = (xi/|xi| - Lambda n).deta/|y|; and dtheta = sum c (Lambda n + e dLambda).
     dim = len(D)
-    dilates = len(data.c) > 0
-    theta = extensions(D, data, i, first, last, neighbours, u, space) if dilates else 0.0
-    if dilates:
-        tangent.A[f] = data.A[f]
+    X, c, stiffness, weighted, linear = data.X, data.c, data.k, data.rotation_weighted, data.linear
+    block, gamma, h = tangent.block, tangent.gamma, tangent.h
+    gamma_center, h_center = tangent.gamma_center, tangent.h_center
+    theta, A = 0.0, 0.0
+    if len(c) > 0:
+        A = data.A[f]
+        tangent.A[f] = A
+        theta = extensions(D, X, c, weighted, linear, i, first, last, neighbours, u, space.t, space.a, space.b)
         for p in range(dim):
-            tangent.gamma_center[f, p] = 0.0
-            tangent.h_center[f, p] = 0.0
-    n = space.H[0]
+            gamma_center[f, p] = 0.0
+            h_center[f, p] = 0.0
+    n, turn = space.H[0], space.P[0]
     for b in range(first, last):
         j = neighbours[b]
-        e, y_length, cosine, xi_length = extension(D, data, i, j, u, n)
-        pressure = data.A[f] * theta * data.c[b] if dilates else 0.0
-        transverse = (data.k[b] * e + pressure * cosine) / y_length
+        e, y_length, cosine, xi_length = extension(D, X, weighted, linear, i, j, u, n)
+        for p in range(dim):  # dLambda/dy
+            turn[p] = ((X[j, p] - X[i, p]) / xi_length - cosine * n[p]) / y_length
+        pressure = A * theta * c[b] if len(c) > 0 else 0.0
+        transverse = (stiffness[b] * e + pressure * cosine) / y_length
         for p in range(dim):
             for q in range(dim):
-                value = (data.k[b] - transverse) * n[p] * n[q]
+                value = (stiffness[b] - transverse) * n[p] * n[q]
                 if p == q:
                     value += transverse
-                if data.rotation_weighted:
-                    value += pressure * n[p] * turning(data, i, j, q, n, cosine, xi_length) / y_length
-                tangent.block[b, p, q] = value
-        if dilates:
+                if weighted:
+                    value += pressure * n[p] * turn[q]
+                block[b, p, q] = value
+        if len(c) > 0:
             for p in range(dim):
-                tangent.gamma[b, p] = data.c[b] * cosine * n[p]
-            if data.rotation_weighted:
-                for p in range(dim):
-                    turn = turning(data, i, j, p, n, cosine, xi_length) / y_length
-                    tangent.h[b, p] = data.c[b] * (cosine * n[p] + e * turn)
-                    tangent.h_center[f, p] -= tangent.h[b, p]
-            for p in range(dim):
-                tangent.gamma_center[f, p] -= tangent.gamma[b, p]
-
-
-@njit(cache=True)
-def turning(data, i, j, p, n, cosine, xi_length):
-    """Component p of xi/|xi| - Lambda n."""
-    return (data.X[j, p] - data.X[i, p]) / xi_length - cosine * n[p]
+                gamma[b, p] = c[b] * cosine * n[p]
+                gamma_center[f, p] -= gamma[b, p]
+                if weighted:
+                    h[b, p] = c[b] * (cosine * n[p] + e * turn[p])
+                    h_center[f, p] -= h[b, p]
 
 
 @implements(action_state, ExtensionTangent)
