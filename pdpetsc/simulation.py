@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
 from pdpetsc.body.box import box, coordinates
-from pdpetsc.body.cracks import intact
+from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import INFLUENCE, Influence, bond_weights, check_not_lonely, find_families
 from pdpetsc.case import Case
@@ -70,9 +70,8 @@ class Simulation:
         p = self.particles
         with self.timings("families"), collective(comm.tompi4py()):
             self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
-            cuts = [~intact(self.families, p.position, p.id, [crack.vertices]) for crack in case.body.cracks]
-            if cuts:
-                self.families = self.families.without(np.any(cuts, axis=0))
+            cuts = cut_bonds(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
+            self.families = self.families.without(cuts.any(axis=0))
             check_not_lonely(self.families, p.position, p.horizon)
         self.cut_bonds = [comm.tompi4py().allreduce(int(cut.sum())) for cut in cuts]
         for number, bonds in enumerate(self.cut_bonds):

@@ -31,8 +31,8 @@ class Sheet(NamedTuple):
     corners: np.ndarray
 
 
-def intact(families: Families, position: np.ndarray, ids: np.ndarray, cracks: list) -> np.ndarray:
-    """Whether each bond exists: the segment X_i X_j meets no crack; bonds that lie in a crack's own plane do exist.
+def cut_bonds(families: Families, position: np.ndarray, ids: np.ndarray, cracks: list) -> np.ndarray:
+    """Which bonds each crack cuts: those whose segment X_i X_j meets it, but for bonds that lie in its own plane.
 
     A bond is always looked at from its end with the lower id, so that i -> j and j -> i agree on any rank. A particle
     on a crack keeps the bonds along it only: let cracks run between the particles.
@@ -43,16 +43,16 @@ def intact(families: Families, position: np.ndarray, ids: np.ndarray, cracks: li
         cracks: the vertices of each: one point in 1D, two in 2D, the corners of a plane polygon, convex or not, in 3D.
 
     Returns:
-        Mask of the bonds.
+        Masks of the bonds, (cracks, bonds).
 
     Raises:
         InputError: a crack has no extent or is not plane.
     """
-    sound = np.ones(families.bonds, bool)
+    sound = np.ones((len(cracks), families.bonds), bool)
     for number, vertices in enumerate(cracks):
         sheet = _sheet(np.array(vertices, float), position.shape[1], f"body.cracks.{number}")
-        _cut(families.center, families.offsets, families.neighbours, position, ids, sheet, sound)
-    return sound
+        _cut(families.center, families.offsets, families.neighbours, position, ids, sheet, sound[number])
+    return ~sound
 
 
 def _sheet(vertices: np.ndarray, dim: int, place: str) -> Sheet:

@@ -143,8 +143,10 @@ BAD = {
         "material.rubber: influence: the a-b-d form has the constants of a constant influence function",
     ),
     "crack without extent": (
-        changed(CANTILEVER, body__cracks=[{"from": [1.0, 1.0], "to": [1.0, 1.0]}]),
-        "body.cracks.0",
+        changed(
+            CANTILEVER, body__cracks=[{"from": [6.0, 1.0], "to": [6.0, 9.0]}, {"from": [1.0, 1.0], "to": [1.0, 1.0]}]
+        ),
+        "body.cracks.1: ",
     ),
     "crack of another dimension": (
         changed(CANTILEVER, body__cracks=[{"at": [1.0, 1.0]}]),

@@ -7,7 +7,7 @@ import pytest
 from bodies import distributed, families_of, jittered
 from models import lattice
 
-from pdpetsc.body.cracks import intact
+from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.bonds import find_families
 from pdpetsc.errors import InputError
 
@@ -16,12 +16,12 @@ def crack(*vertices):
     return [list(vertex) for vertex in vertices]
 
 
-def cut_bonds(X, horizon, *cracks, ids=None):
+def cut_pairs(X, horizon, *cracks, ids=None):
     """Families of particles on this process, and the pairs (i, j) of the bonds that are cut."""
     ids = np.arange(len(X)) if ids is None else ids
     families = find_families(X, np.broadcast_to(horizon, len(X)), ids, len(X))
     pairs = np.stack([families.per_bond(np.arange(len(X))), families.neighbours], axis=1)
-    return pairs, ~intact(families, X, ids, list(cracks))
+    return pairs, cut_bonds(families, X, ids, list(cracks)).any(axis=0)
 
 
 def segments(*bonds):
@@ -32,7 +32,7 @@ def segments(*bonds):
         for a, b in bonds:
             X = np.array([a, b], float)
             for ids in ([0, 1], [1, 0]):
-                _, mask = cut_bonds(X, 1e9, *cracks, ids=np.array(ids))
+                _, mask = cut_pairs(X, 1e9, *cracks, ids=np.array(ids))
                 answers.append(mask.tolist())
             assert answers[-1] == answers[-2] and len(set(answers[-1])) == 1
         return [a[0] for a in answers[::2]]
@@ -53,9 +53,9 @@ def volume(*points):
 
 def test_in_1d():
     X = lattice((6,))  # 0.5 ... 5.5
-    pairs, cut = cut_bonds(X, 2.5, crack([2.2]))
+    pairs, cut = cut_pairs(X, 2.5, crack([2.2]))
     assert np.array_equal(cut, (pairs.min(axis=1) <= 1) & (pairs.max(axis=1) >= 2))
-    pairs, cut = cut_bonds(X, 2.5, crack([2.5]), crack([5.2]))  # on a particle: nothing holds it any more
+    pairs, cut = cut_pairs(X, 2.5, crack([2.5]), crack([5.2]))  # on a particle: nothing holds it any more
     one = (pairs.min(axis=1) <= 2) & (pairs.max(axis=1) >= 2)
     assert np.array_equal(cut, one | (pairs.max(axis=1) == 5))
 
@@ -64,21 +64,21 @@ def test_in_2d_against_exact_orientations():
     X = jittered((9, 7), 0.4)
     ends = np.random.default_rng(0).uniform(0, 7, (5, 2, 2))
     for a, b in ends:
-        pairs, cut = cut_bonds(X, 2.5, crack(a, b))
+        pairs, cut = cut_pairs(X, 2.5, crack(a, b))
         expected = [
             volume(a, b, X[i]) != volume(a, b, X[j]) and volume(X[i], X[j], a) != volume(X[i], X[j], b)
             for i, j in pairs
         ]
         assert cut.tolist() == expected and any(expected)
-    _, together = cut_bonds(X, 2.5, *(crack(*e) for e in ends))
-    assert np.array_equal(together, np.any([cut_bonds(X, 2.5, crack(*e))[1] for e in ends], axis=0))
+    _, together = cut_pairs(X, 2.5, *(crack(*e) for e in ends))
+    assert np.array_equal(together, np.any([cut_pairs(X, 2.5, crack(*e))[1] for e in ends], axis=0))
 
 
 def test_in_3d_against_exact_orientations():
     X = jittered((5, 4, 4), 0.4)
     rng = np.random.default_rng(2)
     for a, b, c in rng.uniform(0, 5, (4, 3, 3)):
-        pairs, cut = cut_bonds(X, 2.0, crack(a, b, c))
+        pairs, cut = cut_pairs(X, 2.0, crack(a, b, c))
         expected = []
         for i, j in pairs:
             sides = {volume(X[i], X[j], p, q) for p, q in ((a, b), (b, c), (c, a))}
@@ -132,7 +132,7 @@ def test_touching_counts_in_3d():
 def test_a_lattice_with_a_crack_through_its_particles():
     """Particles on the crack keep the bonds along it."""
     X = lattice((6, 5))
-    pairs, cut = cut_bonds(X, 1.5, crack([0.0, 2.5], [6.0, 2.5]))
+    pairs, cut = cut_pairs(X, 1.5, crack([0.0, 2.5], [6.0, 2.5]))
     on = X[:, 1] == 2.5
     assert np.array_equal(cut, on[pairs[:, 0]] != on[pairs[:, 1]])
 
@@ -140,8 +140,8 @@ def test_a_lattice_with_a_crack_through_its_particles():
 @pytest.mark.parametrize("scale", (1e-6, 1e6))
 def test_the_unit_of_length_does_not_matter(scale):
     X = lattice((6, 5))
-    _, cut = cut_bonds(X, 1.5, crack([0.0, 2.0], [3.5, 2.5]))
-    _, scaled = cut_bonds(scale * X, scale * 1.5, crack([0.0, scale * 2.0], [scale * 3.5, scale * 2.5]))
+    _, cut = cut_pairs(X, 1.5, crack([0.0, 2.0], [3.5, 2.5]))
+    _, scaled = cut_pairs(scale * X, scale * 1.5, crack([0.0, scale * 2.0], [scale * 3.5, scale * 2.5]))
     assert np.array_equal(cut, scaled) and cut.any()
 
 
@@ -163,11 +163,11 @@ def test_what_is_no_crack(dim, vertices, message):
     X = lattice((3,) * dim)
     sound = crack(*{1: [[0.2]], 2: [[0, 0], [1, 1]], 3: [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}[dim])
     with pytest.raises(InputError, match=rf"body\.cracks\.1: .*{message}"):
-        cut_bonds(X, 1.5, sound, crack(*vertices))
+        cut_pairs(X, 1.5, sound, crack(*vertices))
 
 
 def test_a_nearly_plane_polygon():
-    _, cut = cut_bonds(lattice((3, 3, 3)), 1.5, crack([0, 0, 1], [3, 0, 1], [3, 3, 1 + 1e-7], [0, 3, 1]))
+    _, cut = cut_pairs(lattice((3, 3, 3)), 1.5, crack([0, 0, 1], [3, 0, 1], [3, 3, 1 + 1e-7], [0, 3, 1]))
     assert cut.any()
 
 
@@ -182,10 +182,10 @@ def test_alike_from_both_ends_and_on_all_ranks(comm, dim):
     cracks = [[[0.1 * x for x in vertex] for vertex in c] for c in cracks]
     p = distributed(X, horizon, spacing=0.1)
     families = families_of(p)
-    cut = ~intact(families, p.position, p.id, cracks)
+    cut = cut_bonds(families, p.position, p.id, cracks).any(axis=0)
     pairs = np.stack([p.id[families.per_bond(np.arange(p.local))], p.id[families.neighbours]], axis=1)[cut]
     found = {tuple(pair) for part in comm.allgather(pairs.tolist()) for pair in part}
-    pairs, cut = cut_bonds(X, horizon, *cracks)
+    pairs, cut = cut_pairs(X, horizon, *cracks)
     assert found == {tuple(pair) for pair in pairs[cut].tolist()}
     both = {tuple(pair) for pair in pairs.tolist()}
     assert found and all((j, i) in found for i, j in found if (j, i) in both)
