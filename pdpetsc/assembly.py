@@ -1,4 +1,6 @@
-"""The assembler: residual, tangent and tangent action of the whole body, the place where kernels meet PETSc."""
+"""The assembler: residual and tangent of the whole body, assembled or as its action; where kernels meet PETSc."""
+
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -9,7 +11,7 @@ from pdpetsc.materials.base import Material
 from pdpetsc.matrix import TangentMatrix
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
-from pdpetsc.sparsity import Sparsity, tangent_sparsity
+from pdpetsc.sparsity import Part, Sparsity, expected_blocks, symmetrise, tangent_sparsity
 from pdpetsc.support import rigid_motions
 from pdpetsc.timings import Timings
 
@@ -97,11 +99,27 @@ class Assembler:
 
     def internal_force(self, u: np.ndarray) -> np.ndarray:
         """dW/du on the owned particles, (owned, dim), of owned displacements."""
-        local = self.localise(u)
-        force = np.zeros_like(local)
+        return self._sum_of_families(u, "add_force")
+
+    def _sum_of_families(self, owned: np.ndarray, method: str) -> np.ndarray:
+        """What a method of the materials, given an owned field, adds up to on owned particles.
+
+        Families without ghosts are evaluated while the exchanges are under way: one half before the others, while
+        ghosts arrive, one after them, while what was added to ghosts travels to their owners.
+        """
+        p = self.particles
+        field = np.empty((p.local, self.dim))
+        field[: p.owned] = owned
+        result = np.zeros_like(field)
+        with p.exchange.forwarding(field):
+            for material in self.materials:
+                getattr(material, method)(field, result, 0, material.interior // 2)
         for material in self.materials:
-            material.add_force(local, force)
-        return self.particles.exchange.reverse_add(force)[: self.particles.owned]
+            getattr(material, method)(field, result, material.interior)
+        with p.exchange.adding(result):
+            for material in self.materials:
+                getattr(material, method)(field, result, material.interior // 2, material.interior)
+        return result[: p.owned]
 
     def unbalanced_force(self, u: np.ndarray) -> np.ndarray:
         """dW/du - f_ext before the constraints; on constrained entries this is the reaction of the support."""
@@ -137,54 +155,78 @@ class Assembler:
         return np.finfo(float).eps * self.mpi.allreduce(float((scale**2).sum())) ** 0.5
 
     def linearise(self, u: np.ndarray) -> None:
-        """Prepare `action` and the assembled tangent at owned displacements."""
+        """Prepare `action`, `diagonal` and the assembled tangent at owned displacements."""
         local = self.localise(u)
         for material in self.materials:
             material.linearise(local)
 
     def action(self, du: np.ndarray) -> np.ndarray:
         """K du of the last `linearise` on owned particles, without constraints (columns and rows complete)."""
-        local = self.localise(du)
-        force = np.zeros_like(local)
+        return self._sum_of_families(du, "add_action")
+
+    def constrained_action(self, du: np.ndarray) -> np.ndarray:
+        """The same as the assembled tangent has it: constrained entries move nothing and have rows s du_c."""
+        result = self.action(np.where(self.constrained, 0.0, du))
+        result[self.constrained] = self.constraint_scale * du[self.constrained]
+        return result
+
+    def diagonal(self) -> np.ndarray:
+        """Diagonal blocks of the constrained tangent of the last `linearise`, (owned, dim, dim)."""
+        p, dim = self.particles, self.dim
+        blocks = np.zeros((p.local, dim, dim))
         for material in self.materials:
-            material.add_action(local, force)
-        return self.particles.exchange.reverse_add(force)[: self.particles.owned]
+            material.add_diagonal(blocks)
+        blocks = p.exchange.reverse_add(blocks)[: p.owned]
+        free = self._free[: p.owned]
+        blocks *= free[:, :, None] * free[:, None, :]
+        blocks[:, range(dim), range(dim)] += (1 - free) * self.constraint_scale
+        return blocks
 
     def matrix(self) -> PETSc.Mat:
         """The PETSc matrix of the tangent, its pattern made on first use."""
         if self._matrix is None:
             with self.timings("first_tangent"):
-                parts = [(m.families, m.dual, m.couples_family) for m in self.materials]
-                self._sparsity = tangent_sparsity(self.particles, parts)
-                self._matrix = TangentMatrix(self.particles, self._sparsity)
-                self._matrix.mat.setNearNullSpace(self._rigid_body_modes())
+                self._sparsity, self._matrix = self.new_matrix(
+                    [Part(m.network, m.dual, m.own, m.couples_family) for m in self.materials]
+                )
         return self._matrix.mat
 
-    def tangent(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        """SNES Jacobian: P is filled, J follows when it is the same or a matrix-free operator."""
-        u = x.getArray(readonly=True).reshape(-1, self.dim)
-        self.assemble(np.where(self.constrained, self.prescribed, u))
-        if J != P:
-            J.assemble()
+    def expected_blocks(self) -> float:
+        """About how many blocks the assembled tangent would have (collective)."""
+        return expected_blocks(self.particles, [(m.families, m.own, m.couples_family) for m in self.materials])
+
+    def new_matrix(self, parts: list[Part]) -> tuple[Sparsity, TangentMatrix]:
+        """A matrix on all displacements with the pattern of these parts, for `fill`."""
+        sparsity = tangent_sparsity(self.particles, parts)
+        matrix = TangentMatrix(self.particles, sparsity)
+        matrix.mat.setNearNullSpace(self.rigid_body_modes)
+        return sparsity, matrix
+
+    def fill(self, sparsity: Sparsity, matrix: TangentMatrix, contributions: list, symmetric: bool) -> None:
+        """Replace a matrix by the sum of contributions(row_offsets, columns, blocks, upper), constrained."""
+        blocks = sparsity.zero_blocks(self.dim)
+        for add_rows in contributions:
+            add_rows(sparsity.row_offsets, sparsity.columns, blocks, symmetric)
+        if symmetric:
+            index = self.particles.global_index
+            symmetrise(sparsity.row_offsets, sparsity.columns, index, np.argsort(index), blocks)
+        _constrain(
+            sparsity.row_offsets, sparsity.columns, self._free, self.particles.owned, self.constraint_scale, blocks
+        )
+        matrix.fill(sparsity.reverse_add(blocks))
+        matrix.mat.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
 
     def assemble(self, u: np.ndarray) -> PETSc.Mat:
         """Fill the matrix at owned displacements."""
         mat = self.matrix()
         with self.timings("tangent" if self._filled else "first_tangent"):
             self.linearise(u)
-            sparsity = self._sparsity
-            blocks = sparsity.zero_blocks(self.dim)
-            for material in self.materials:
-                material.add_rows(sparsity.row_offsets, sparsity.columns, blocks)
-            _constrain(
-                sparsity.row_offsets, sparsity.columns, self._free, self.particles.owned, self.constraint_scale, blocks
-            )
-            self._matrix.fill(sparsity.reverse_add(blocks))
+            self.fill(self._sparsity, self._matrix, [m.add_rows for m in self.materials], self.symmetric)
             self._filled = True
-            mat.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         return mat
 
-    def _rigid_body_modes(self) -> PETSc.NullSpace:
+    @cached_property
+    def rigid_body_modes(self) -> PETSc.NullSpace:
         """Translations and rotations, zero on constrained entries, orthonormal: the near-nullspace for multigrid."""
         p = self.particles
         X = p.position[: p.owned]

@@ -1,6 +1,6 @@
 """Families: which particles are bonded to which, found by cells in O(N), and the influence of each bond."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,9 @@ from pdpetsc.errors import InputError
 
 HORIZON_TOLERANCE = 1e-10
 """A family is 0 < |xi| <= delta (1 + 1e-10), where a case has no tolerance of its own (FORMULATION, Notation)."""
+
+BLOCK = 1024
+"""Families whose bonds are looked at together."""
 
 Influence = Callable[[np.ndarray], np.ndarray]
 
@@ -58,17 +61,24 @@ class Families:
         """The families less the bonds of a mask."""
         if not cut.any():
             return self
-        sums = np.concatenate([[0], np.cumsum(~cut)])
-        return Families(self.center, sums[self.offsets], self.neighbours[~cut])
+        kept = ~cut
+        return Families(self.center, _offsets(self.sums(kept)), self.neighbours[kept])
 
     def subset(self, chosen: np.ndarray) -> "Families":
         """The families with these (ascending) numbers."""
         if len(chosen) == len(self):
             return self
-        sizes = np.diff(self.offsets)[chosen]
-        offsets = np.concatenate([[0], np.cumsum(sizes)])
-        bonds = np.repeat(self.offsets[chosen] - offsets[:-1], sizes) + np.arange(offsets[-1])
-        return Families(self.center[chosen], offsets, self.neighbours[bonds])
+        sizes = np.diff(self.offsets)
+        kept = np.zeros(len(self), bool)
+        kept[chosen] = True
+        return Families(self.center[kept], _offsets(sizes[kept]), self.neighbours[np.repeat(kept, sizes)])
+
+    def blocks(self) -> Iterator[tuple["Families", slice]]:
+        """Some consecutive families at a time and the slice of their bonds, for what would take much memory at once."""
+        for first in range(0, len(self), BLOCK):
+            offsets = self.offsets[first : first + BLOCK + 1]
+            bonds = slice(int(offsets[0]), int(offsets[-1]))
+            yield Families(self.center[first : first + BLOCK], offsets - offsets[0], self.neighbours[bonds]), bonds
 
     def per_bond(self, values: np.ndarray) -> np.ndarray:
         """Values of the families' centers repeated for each of their bonds."""
@@ -76,13 +86,13 @@ class Families:
 
     def lengths(self, position: np.ndarray) -> np.ndarray:
         """|xi| of each bond [length]."""
-        xi = position[self.neighbours] - self.per_bond(position)
-        return np.sqrt((xi**2).sum(axis=1))
+        length = np.empty(self.bonds)
+        _lengths(self.center, self.offsets, self.neighbours, position, length)
+        return length
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """Sums of the bonds' values over each family."""
-        rows = np.repeat(np.arange(len(self)), np.diff(self.offsets))
-        return np.bincount(rows, values, len(self))
+        return _sums(self.offsets, values)
 
     def dual(self, particles: int) -> "DualFamilies":
         """The families turned round: for each local particle, the families that contain it."""
@@ -110,17 +120,43 @@ def find_families(
     """Families of the first `owned` particles among all given ones (owned, then ghosts)."""
     if not owned:
         return Families(np.empty(0, np.int32), np.zeros(1, np.int64), np.empty(0, np.int32))
-    dim = position.shape[1]
+    # Particles are looked at in the order of their ids, in which the members of a family then nearly come.
+    order = np.argsort(ids, kind="stable").astype(np.int32)
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    X = np.zeros((len(order), 3))
+    X[:, : position.shape[1]] = position[order]
     reach = horizon[:owned] * (1 + tolerance)
-    low = position.min(axis=0)
-    extent = position.max(axis=0) - low
-    # Half the smaller horizons is the quickest width of a cell; never many more cells than particles.
-    typical = float(np.quantile(reach, 0.1)) / 2
-    sparse = float((np.prod(np.maximum(extent, typical)) / len(position)) ** (1 / dim))
-    width = max(typical, sparse)
-    counts = np.floor(extent / width).astype(np.int64) + 1
-    offsets, neighbours = _search(position, reach, ids.astype(np.int64), owned, low, width, counts)
-    return Families(np.arange(owned, dtype=np.int32), offsets, neighbours)
+    counts, width = _cell_sizes(position, reach)
+    place = (X - X.min(axis=0)) / width
+    start, members = _cells(place, counts)
+    centers, buffer = number[:owned], np.empty(len(X), np.int32)
+    sizes, neighbours = [], []
+    for first in range(0, owned, BLOCK):
+        block = slice(first, first + BLOCK)
+        size, found = _search(centers[block], reach[block], X, place, start, members, counts, width, buffer)
+        sizes.append(size)
+        neighbours.append(order[found])
+    return Families(np.arange(owned, dtype=np.int32), _offsets(np.concatenate(sizes)), np.concatenate(neighbours))
+
+
+def _offsets(sizes: np.ndarray) -> np.ndarray:
+    """Offsets of compressed rows of these sizes."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes, dtype=np.int64)])
+
+
+def _cell_sizes(position: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, float]:
+    """Numbers of cells in x, y and z, about as many as particles, and their width.
+
+    On a lattice of one spacing a row of cells has one row of particles at most: they come in the order of their ids.
+    """
+    dim = position.shape[1]
+    extent = np.ptp(position, axis=0)
+    thick = np.maximum(extent, np.quantile(reach, 0.1) / 2)
+    width = float((np.prod(thick) / len(position)) ** (1 / dim))
+    counts = np.ones(3, np.int64)
+    counts[:dim] += np.floor(extent / width).astype(np.int64)
+    return counts, width
 
 
 def check_not_lonely(families: Families, position: np.ndarray, horizon: np.ndarray) -> None:
@@ -147,93 +183,131 @@ def bond_weights(
     Raises:
         InputError: a weight is negative or no number, or all weights of a family are zero.
     """
-    length = families.lengths(position)
-    delta = families.per_bond(horizon)
-    r = np.minimum(length / delta, 1.0)
-    weight = influence(r) * PARTIAL_VOLUME[partial](length, delta, spacing[families.neighbours])
-    wrong = np.flatnonzero(~((weight >= 0) & (weight < np.inf)))
-    if len(wrong):
-        raise InputError(
-            f"influence: is {weight[wrong[0]]:g} at r = {r[wrong[0]]:g}; it must be finite and not negative"
-        )
-    without = families.center[np.flatnonzero(families.sums(weight) == 0)]
-    if len(without):
-        where = ", ".join(f"{x:g}" for x in position[without[0]])
-        raise InputError(
-            f"influence: is zero at all neighbours of the particle at ({where}), so that no bond holds it; choose "
-            "another function or a larger horizon"
-        )
+    if influence is INFLUENCE["constant"] and partial == "none":
+        return np.ones(families.bonds)
+    weight = np.empty(families.bonds)
+    for part, bonds in families.blocks():
+        length = part.lengths(position)
+        delta = part.per_bond(horizon)
+        r = np.minimum(length / delta, 1.0)
+        w = influence(r) * PARTIAL_VOLUME[partial](length, delta, spacing[part.neighbours])
+        wrong = np.flatnonzero(~((w >= 0) & (w < np.inf)))
+        if len(wrong):
+            raise InputError(
+                f"influence: is {w[wrong[0]]:g} at r = {r[wrong[0]]:g}; it must be finite and not negative"
+            )
+        without = part.center[np.flatnonzero(part.sums(w) == 0)]
+        if len(without):
+            where = ", ".join(f"{x:g}" for x in position[without[0]])
+            raise InputError(
+                f"influence: is zero at all neighbours of the particle at ({where}), so that no bond holds it; choose "
+                "another function or a larger horizon"
+            )
+        weight[bonds] = w
     return weight
 
 
 @njit(cache=True)
-def _cells(X, low, width, counts):
-    """Particles sorted by cell: (start of each cell, particles)."""
-    n, dim = X.shape
-    total = 1
-    for k in range(dim):
-        total *= counts[k]
-    cell = np.empty(n, np.int64)
-    start = np.zeros(total + 1, np.int64)
-    for i in range(n):
-        c = 0
-        for k in range(dim - 1, -1, -1):
-            c = c * counts[k] + min(int((X[i, k] - low[k]) / width), counts[k] - 1)
-        cell[i] = c
-        start[c + 1] += 1
-    for c in range(total):
+def _lengths(center, offsets, neighbours, X, length):
+    """Write |X_j - X_i| of each bond."""
+    for f in range(len(center)):
+        i = center[f]
+        for b in range(offsets[f], offsets[f + 1]):
+            square = 0.0
+            for k in range(X.shape[1]):
+                square += (X[neighbours[b], k] - X[i, k]) ** 2
+            length[b] = np.sqrt(square)
+
+
+@njit(cache=True)
+def _sums(offsets, values):
+    """Sum of the bonds' values over each family."""
+    sums = np.zeros(len(offsets) - 1)
+    for f in range(len(sums)):
+        for b in range(offsets[f], offsets[f + 1]):
+            sums[f] += values[b]
+    return sums
+
+
+@njit(cache=True)
+def _cells(place, counts):
+    """Points sorted by cell, x fastest: (start of each cell, points)."""
+    cell = np.empty(len(place), np.int64)
+    start = np.zeros(counts.prod() + 1, np.int64)
+    for i in range(len(place)):
+        cell[i] = (int(place[i, 2]) * counts[1] + int(place[i, 1])) * counts[0] + int(place[i, 0])
+        start[cell[i] + 1] += 1
+    for c in range(len(start) - 1):
         start[c + 1] += start[c]
     fill = start[:-1].copy()
-    members = np.empty(n, np.int32)
-    for i in range(n):
+    members = np.empty(len(place), np.int32)
+    for i in range(len(place)):
         members[fill[cell[i]]] = i
         fill[cell[i]] += 1
     return start, members
 
 
 @njit(cache=True)
-def _search(X, reach, ids, owned, low, width, counts):
-    """Two passes over the cells around each owned particle: count, then fill; families sorted by id."""
-    dim = X.shape[1]
-    start, members = _cells(X, low, width, counts)
-    offsets = np.zeros(owned + 1, np.int64)
-    neighbours = np.empty(0, np.int32)
-    first = np.zeros(3, np.int64)
-    last = np.zeros(3, np.int64)
-    for filling in range(2):
-        if filling == 1:
-            for i in range(owned):
-                offsets[i + 1] += offsets[i]
-            neighbours = np.empty(offsets[owned], np.int32)
-        for i in range(owned):
-            for k in range(dim):
-                first[k] = max(0, int(np.floor((X[i, k] - reach[i] - low[k]) / width)))
-                last[k] = min(counts[k] - 1, int((X[i, k] + reach[i] - low[k]) / width))
-            found = 0
-            limit = reach[i] * reach[i]
-            for c2 in range(first[2], last[2] + 1):
-                for c1 in range(first[1], last[1] + 1):
-                    for c0 in range(first[0], last[0] + 1):
-                        cell = c0
-                        if dim > 1:
-                            cell += counts[0] * c1
-                        if dim > 2:
-                            cell += counts[0] * counts[1] * c2
-                        for p in range(start[cell], start[cell + 1]):
-                            j = members[p]
-                            square = 0.0
-                            for k in range(dim):
-                                square += (X[j, k] - X[i, k]) ** 2
-                            if 0.0 < square <= limit:
-                                if filling == 1:
-                                    neighbours[offsets[i] + found] = j
-                                found += 1
-            if filling == 0:
-                offsets[i + 1] = found
-            else:
-                family = neighbours[offsets[i] : offsets[i + 1]]
-                family[:] = family[np.argsort(ids[family])]
-    return offsets, neighbours
+def _search(centers, reach, X, place, start, members, counts, width, buffer):
+    """Sizes of the families of these points, and their members, ascending, one family after the other."""
+    sizes = np.empty(len(centers), np.int64)
+    found = np.empty(0, np.int32)
+    end = 0
+    for f in range(len(centers)):
+        size = _family(centers[f], reach[f], X, place, start, members, counts, width, buffer)
+        _sort(buffer, size)
+        sizes[f] = size
+        if end + size > len(found):
+            larger = np.empty(2 * len(found) + size * (len(centers) - f), np.int32)
+            larger[:end] = found[:end]
+            found = larger
+        for b in range(size):
+            found[end + b] = buffer[b]
+        end += size
+    return sizes, found[:end]
+
+
+@njit(cache=True)
+def _family(i, reach, X, place, start, members, counts, width, family):
+    """Write the points within reach of point i, and give their number.
+
+    What a sphere a little larger covers of a row of cells, x fastest, is one range of `members`.
+    """
+    x, y, z = X[i, 0], X[i, 1], X[i, 2]
+    u, v, w = place[i, 0], place[i, 1], place[i, 2]
+    limit = reach * reach
+    radius = reach / width + 1e-6
+    size = 0
+    for c2 in range(int(max(w - radius, 0.0)), int(min(w + radius, counts[2] - 1.0)) + 1):
+        square = radius**2 - max(c2 - w, w - c2 - 1, 0.0) ** 2
+        half = np.sqrt(max(square, 0.0))
+        for c1 in range(int(max(v - half, 0.0)), int(min(v + half, counts[1] - 1.0)) + 1):
+            chord = np.sqrt(max(square - max(c1 - v, v - c1 - 1, 0.0) ** 2, 0.0))
+            row = (c2 * counts[1] + c1) * counts[0]
+            first = start[row + int(max(u - chord, 0.0))]
+            last = start[row + int(min(u + chord, counts[0] - 1.0)) + 1]
+            for k in range(first, last):
+                j = members[k]
+                family[size] = j  # the next one overwrites it unless it counts
+                size += 0.0 < (X[j, 0] - x) ** 2 + (X[j, 1] - y) ** 2 + (X[j, 2] - z) ** 2 <= limit
+    return size
+
+
+@njit(cache=True)
+def _sort(values, size):
+    """Bring the first values into ascending order: by insertion, the quickest for few or nearly ordered ones."""
+    moves = 32 * size
+    for b in range(1, size):
+        value = values[b]
+        k = b
+        while k > 0 and values[k - 1] > value:
+            values[k] = values[k - 1]
+            k -= 1
+        values[k] = value
+        moves -= b - k
+        if moves < 0:
+            values[:size].sort()
+            return
 
 
 @njit(cache=True)

@@ -139,7 +139,7 @@ def _announce(simulation: Simulation) -> None:
     say(
         comm,
         f"{p.count} particles in {p.dim}D, {bonds} bonds, {comm.size} rank{'s' if comm.size > 1 else ''}; "
-        f"tangent assembled, {solver}",
+        f"tangent {simulation.newton.tangent.kind.replace('_', '-')}, {solver}",
     )
 
 

@@ -1,5 +1,7 @@
 """Moving particle fields between ranks: owner to ghost, ghost to owner, and to the order of the ids."""
 
+from contextlib import contextmanager
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -60,13 +62,29 @@ class Exchange:
 
     def forward(self, field: np.ndarray) -> np.ndarray:
         """Fill the ghost entries of a local field from their owners, in place."""
-        broadcast(self._forest, field, field)
-        return field
+        with self.forwarding(field):
+            return field
 
     def reverse_add(self, field: np.ndarray) -> np.ndarray:
         """Add the ghost entries of a local field to their owners, in place; ghost entries are then stale."""
-        reduce(self._forest, field, field)
-        return field
+        with self.adding(field):
+            return field
+
+    @contextmanager
+    def forwarding(self, field: np.ndarray):
+        """`forward` with something to do meanwhile that touches neither the field's owned entries nor its ghosts."""
+        unit = _unit(field)
+        self._forest.bcastBegin(unit, field, field, MPI.REPLACE)
+        yield
+        self._forest.bcastEnd(unit, field, field, MPI.REPLACE)
+
+    @contextmanager
+    def adding(self, field: np.ndarray):
+        """`reverse_add` with something to do meanwhile that adds to owned entries only."""
+        unit = _unit(field)
+        self._forest.reduceBegin(unit, field, field, MPI.SUM)
+        yield
+        self._forest.reduceEnd(unit, field, field, MPI.SUM)
 
     def reverse_minimum(self, field: np.ndarray) -> np.ndarray:
         """Give owners the minimum of their entry of a scalar local field and of their ghosts', in place."""

@@ -47,14 +47,20 @@ TOLERANCE = 1e-12
 ROUNDING = 4e-15
 ITERATIONS = 60
 
+SAME = 2e-13
+"""Families are the same but for rounding if no bond differs by more of the shortest one and of the mean share."""
+
+REMEMBERED = 16
+"""Solved families to compare the next one with: more than the kinds of them in a row of a lattice, 7 at m = 3."""
+
 
 def matched_weights(
     families: Families, position: np.ndarray, volume: np.ndarray, weight: np.ndarray, moment: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights w with sum w V |xi|^2 n n n n = M I4 in every family where 0.05 <= w / w_ref <= 5 allows it.
 
-    Each family is solved by itself, in a few microseconds: its weights do not depend on the order or the distribution
-    of the particles, to the last digit if its neighbours come in the same order.
+    A family takes the factors x of one of the last ones that is the same but for rounding, as most are in a lattice, or
+    is solved by itself, in a few microseconds: order and distribution of particles change weights by rounding alone.
 
     Args:
         families: families of the owned particles.
@@ -71,19 +77,9 @@ def matched_weights(
     result = np.array(weight, dtype=np.float64)
     matched = np.zeros(len(families), np.bool_)
     prescribed = np.empty(0) if moment is None else np.ascontiguousarray(moment, dtype=np.float64)
-    _match(
-        families.center,
-        families.offsets,
-        families.neighbours,
-        np.ascontiguousarray(position, dtype=np.float64),
-        np.ascontiguousarray(volume, dtype=np.float64),
-        prescribed,
-        components,
-        root,
-        target,
-        result,
-        matched,
-    )
+    X, V = (np.ascontiguousarray(values, dtype=np.float64) for values in (position, volume))
+    bonds = families.center, families.offsets, families.neighbours
+    _match(*bonds, X, V, prescribed, components, root, target, result, matched)
     return result, matched
 
 
@@ -105,37 +101,38 @@ def _match(center, offsets, neighbours, X, volume, moment, components, root, tar
     for f in range(len(center)):
         most = max(most, offsets[f + 1] - offsets[f])
     bond = np.empty(most, np.int64)
-    n = np.empty((dim, most))
-    share = np.empty(most)
+    part = np.empty((dim + 1, most))
     Q = np.empty((terms, most))
-    x = np.empty(most)
-    work = np.empty(most)
-    l = np.empty(terms)
+    work = np.empty((2, most))
+    sizes = np.zeros(REMEMBERED, np.int64)
+    known = np.empty((REMEMBERED, dim + 1, most))
+    x = np.empty((REMEMBERED, most))
+    success = np.empty(REMEMBERED, np.bool_)
+    same, oldest = 0, 0
     for f in range(len(center)):
-        size, total, precision = _take_part(f, center, offsets, neighbours, X, volume, weight, bond, n, share)
+        size, total, shortest, farthest = _take_part(f, center, offsets, neighbours, X, volume, weight, bond, part)
         if size == 0:
             continue
-        for c in range(terms):
-            p, q, r, s = components[c]
-            for b in range(size):
-                Q[c, b] = root[c] * n[p, b] * n[q, b] * n[r, b] * n[s, b]
-        family = size, Q, share, target, x, work
-        tolerance = max(TOLERANCE, precision)
-        matched[f] = _maximise(family, 0.0, l, tolerance)
-        if not matched[f] and not _maximise(family, CLOSENESS, l, tolerance):
-            x[:size] = 1.0
+        same = _recall(size, SAME * shortest, SAME * total / size, part, sizes, known, same)
+        if same < 0:
+            same, oldest = oldest, (oldest + 1) % REMEMBERED
+            sizes[same] = size
+            known[same] = part
+            _normalise(size, total, part, components, root, Q)
+            precision = 8 * np.finfo(np.float64).eps * farthest / shortest
+            success[same] = _solve((size, Q, part[dim], target, x[same], work[0], work[1]), max(TOLERANCE, precision))
+        matched[f] = success[same]
         scale = moment[f] / total if len(moment) else 1.0
         for b in range(size):
-            weight[bond[b]] *= scale * x[b]
+            weight[bond[b]] *= scale * x[same, b]
 
 
 @njit(cache=True)
-def _take_part(f, center, offsets, neighbours, X, volume, weight, bond, n, share):
-    """Bonds of family f that take part, with directions and shares.
+def _take_part(f, center, offsets, neighbours, X, volume, weight, bond, part):
+    """Bonds of family f that take part: their numbers, and in the columns of `part` xi and w V |xi|^2.
 
     Returns:
-        Their number, their sum w V |xi|^2, and how precisely positions give directions: a constraint that holds by
-        symmetry, such as sin 4 phi on a square lattice of horizon 2, holds no better and cannot be improved.
+        Their number, the sum of w V |xi|^2, the shortest |xi|, and the largest coordinate, whose rounding is in xi.
     """
     dim = X.shape[1]
     i = center[f]
@@ -149,20 +146,67 @@ def _take_part(f, center, offsets, neighbours, X, volume, weight, bond, n, share
             continue
         square = 0.0
         for p in range(dim):
-            n[p, size] = X[j, p] - X[i, p]
-            square += n[p, size] ** 2
+            part[p, size] = X[j, p] - X[i, p]
+            square += part[p, size] ** 2
             farthest = max(farthest, abs(X[j, p]))
-        length = np.sqrt(square)
-        shortest = min(shortest, length)
-        for p in range(dim):
-            n[p, size] /= length
-        share[size] = weight[b] * volume[j] * square
-        total += share[size]
+        shortest = min(shortest, square)
+        part[dim, size] = weight[b] * volume[j] * square
+        total += part[dim, size]
         bond[size] = b
         size += 1
+    return size, total, np.sqrt(shortest), farthest
+
+
+@njit(cache=True)
+def _recall(size, step, share, part, sizes, known, latest):
+    """Which known family has the same bonds within `step` and the same w V |xi|^2 within `share`; -1 if none has."""
+    last = len(part) - 1
+    for shift in range(REMEMBERED):
+        k = (latest + shift) % REMEMBERED
+        same = sizes[k] == size
+        for p in range(last + 1):
+            allowed = step if p < last else share
+            for b in range(size):
+                if not same:
+                    break
+                same = abs(part[p, b] - known[k, p, b]) <= allowed
+        if same:
+            return k
+    return -1
+
+
+@njit(cache=True)
+def _normalise(size, total, part, components, root, Q):
+    """Make directions and shares of xi and w V |xi|^2, and Q of the directions."""
+    dim = len(part) - 1
     for b in range(size):
-        share[b] /= total
-    return size, total, 8 * np.finfo(np.float64).eps * farthest / shortest
+        square = 0.0
+        for p in range(dim):
+            square += part[p, b] ** 2
+        length = np.sqrt(square)
+        for p in range(dim):
+            part[p, b] /= length
+        part[dim, b] /= total
+    for c in range(len(Q)):
+        p, q, r, s = components[c]
+        for b in range(size):
+            Q[c, b] = root[c] * part[p, b] * part[q, b] * part[r, b] * part[s, b]
+
+
+@njit(cache=True)
+def _solve(family, tolerance):
+    """Find the factors x of a family: whether they match it.
+
+    Directions are as precise as positions give them: a constraint that holds by symmetry, such as sin 4 phi on a square
+    lattice of horizon 2, holds no better and cannot be improved; the tolerance is not below that.
+    """
+    size, _, _, target, x, _, _ = family
+    l = np.empty(len(target))
+    if _maximise(family, 0.0, l, tolerance):
+        return True
+    if not _maximise(family, CLOSENESS, l, tolerance):
+        x[:size] = 1.0
+    return False
 
 
 @njit(cache=True)
@@ -171,13 +215,15 @@ def _maximise(family, price, l, tolerance):
     terms = len(l)
     gradient = np.empty(terms)
     factor = np.empty((terms, terms))
+    family[-1][:] = -1.0
     l[:] = 0.0
     value, _ = _dual(family, price, l, gradient)
     error = _norm(gradient)
     for _ in range(ITERATIONS):
         if error <= ROUNDING:
             return True
-        _factorise(family, price, factor)
+        if _is_new(family):
+            _factorise(family, price, factor)
         step = gradient.copy()
         _substitute(factor, step)
         slope = 0.0
@@ -209,7 +255,7 @@ def _dual(family, price, l, gradient):
 
     Less than zero, the latter proves that there is no solution: |A y - I4| >= -largest / |l| for all y.
     """
-    size, Q, share, target, x, t = family
+    size, Q, share, target, x, t, _ = family
     terms = len(target)
     value = 0.0
     square = 0.0
@@ -236,20 +282,32 @@ def _dual(family, price, l, gradient):
     return value, largest
 
 
+@njit(cache=True)
+def _is_new(family):
+    """Note which bonds are between the bounds, 1 or 0: whether others were at the last call."""
+    size, _, _, _, x, _, free = family
+    new = False
+    for b in range(size):
+        now = 1.0 if LOWEST < x[b] < HIGHEST else 0.0
+        new |= now != free[b]
+        free[b] = now
+    return new
+
+
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _factorise(family, price, factor):
     """Cholesky factor of the dual's negative Hessian: sum a Q Q over bonds between the bounds, and that of the price.
 
     A little of the identity stands in for constraints that hold by symmetry, where gradient and Hessian vanish.
     """
-    size, Q, share, target, x, part = family
+    size, Q, share, target, _, part, free = family
     terms = len(target)
     square = 0.0
     for c in range(terms):
         square += target[c] ** 2
     for c in range(terms):
         for b in range(size):
-            part[b] = share[b] * Q[c, b] if LOWEST < x[b] < HIGHEST else 0.0
+            part[b] = free[b] * share[b] * Q[c, b]
         for e in range(c + 1):
             value = -price * target[c] * target[e] / square
             for b in range(size):

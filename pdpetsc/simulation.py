@@ -220,7 +220,7 @@ class Simulation:
             "cut_bonds": self.cut_bonds,
             "solver": f"newton ({self.newton.snes.getType()})",
             "preconditioner": describe_linear_solver(self.newton.snes.getKSP()),
-            "tangent": "assembled",
+            "tangent": self.newton.tangent.kind,
         }
 
 
@@ -262,7 +262,7 @@ def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]
             influence = _influence(spec.influence)
             try:
                 weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
-                part = Neighbourhood.of(
+                part = Neighbourhood(
                     own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence
                 )
                 materials.append(Material.models[spec.model].from_case(spec, part))

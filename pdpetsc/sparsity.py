@@ -6,6 +6,7 @@ rows are then added to their owners' rows by one PetscSF between blocks, made on
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -43,8 +44,18 @@ class Sparsity:
         return blocks[: self.row_offsets[self.owned]]
 
 
-def tangent_sparsity(particles: Particles, parts: list[tuple[Families, DualFamilies, bool]]) -> Sparsity:
-    """The pattern of the sum of (families, dual families, whether neighbours couple through the family)."""
+class Part(NamedTuple):
+    """Families that contribute to a tangent: `own` their number for each local particle (-1: none), and whether the
+    neighbours of a particle couple through its family."""
+
+    families: Families
+    dual: DualFamilies
+    own: np.ndarray
+    couples: bool
+
+
+def tangent_sparsity(particles: Particles, parts: list[Part]) -> Sparsity:
+    """The pattern of the sum of the parts (collective)."""
     owned = particles.owned
     offsets, columns = _rows(particles.local, parts)
     global_columns = particles.global_index[columns].astype(np.int64)
@@ -79,6 +90,53 @@ def tangent_sparsity(particles: Particles, parts: list[tuple[Families, DualFamil
     )
 
 
+SAMPLES = 200
+"""Rows of which `expected_blocks` is the mean."""
+
+
+def expected_blocks(particles: Particles, parts: list[tuple[Families, np.ndarray, bool]]) -> float:
+    """About how many blocks the tangent of (families, own, couples) will have on all ranks (collective).
+
+    From rows in which every neighbour has its family on this rank, as if horizons were mutual.
+    """
+    total = 0.0
+    for families, own, couples in parts:
+        chosen = np.arange(0, len(families), max(1, len(families) // SAMPLES))
+        bonds = families.center, families.offsets, families.neighbours
+        sizes = _sample_rows(own, *bonds, couples, chosen)
+        whole = sizes[sizes > 0]
+        if len(chosen):
+            total += len(families) * float(whole.mean() if len(whole) else -sizes.mean())
+    return particles.comm.tompi4py().allreduce(total)
+
+
+@njit(cache=True)
+def _sample_rows(own, center, offsets, neighbours, couples, chosen):
+    """Number of particles that share a family with that of each chosen family; less than 0 if some are not known."""
+    seen = np.full(len(own), -1, np.int64)
+    sizes = np.zeros(len(chosen), np.int64)
+    for k in range(len(chosen)):
+        f = chosen[k]
+        whole = True
+        seen[center[f]] = k
+        count = 1
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            if seen[j] != k:
+                seen[j] = k
+                count += 1
+            g = own[j]
+            whole = whole and g >= 0
+            if couples and g >= 0:
+                for c in range(offsets[g], offsets[g + 1]):
+                    m = neighbours[c]
+                    if seen[m] != k:
+                        seen[m] = k
+                        count += 1
+        sizes[k] = count if whole or not couples else -count
+    return sizes
+
+
 def _local_columns(particles: Particles, global_columns: np.ndarray) -> np.ndarray:
     """Local particles of global block columns, -1 where there is none."""
     owned = particles.owned
@@ -105,14 +163,39 @@ def _look_up(global_columns, start, owned, known, local):
 def _rows(local: int, parts) -> tuple[np.ndarray, np.ndarray]:
     """Columns of all local rows from this rank's families, unsorted: (offsets, local particles)."""
     merged = None
-    for families, dual, couples in parts:
-        own = np.full(local, -1, np.int32)
-        own[families.center] = np.arange(len(families))
+    for families, dual, own, couples in parts:
         rows = _part_rows(
             own, families.center, families.offsets, families.neighbours, dual.offsets, dual.family, couples
         )
         merged = rows if merged is None else _unite(*merged, *rows)
     return merged
+
+
+@njit(cache=True)
+def symmetrise(row_offsets, columns, global_index, order, blocks):
+    """Add to every block (a, b), a != b, the transpose of block (b, a), where both rows are here.
+
+    Rows are sorted by global columns, so that, with rows taken in their global `order`, a pointer into each row b
+    finds its columns a as they come up.
+    """
+    dim = blocks.shape[1]
+    pointer = row_offsets[:-1].copy()
+    for a in order:
+        for k in range(row_offsets[a], row_offsets[a + 1]):
+            b = columns[k]
+            if b < 0 or global_index[b] <= global_index[a]:
+                continue
+            m = pointer[b]
+            while m < row_offsets[b + 1] and (columns[m] < 0 or global_index[columns[m]] < global_index[a]):
+                m += 1
+            pointer[b] = m
+            if m == row_offsets[b + 1] or columns[m] != a:
+                continue
+            for p in range(dim):
+                for q in range(dim):
+                    value = blocks[k, p, q] + blocks[m, q, p]
+                    blocks[k, p, q] = value
+                    blocks[m, q, p] = value
 
 
 @njit(cache=True)

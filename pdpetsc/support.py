@@ -32,15 +32,15 @@ def check_support(particles: Particles, families: Families, constrained: np.ndar
     heads = np.unique(np.concatenate(mpi.allgather(np.unique(piece))))
     piece = np.searchsorted(heads, piece)
     X = particles.position[:n]
-    sums = np.zeros((len(heads), particles.dim + 1))
-    np.add.at(sums, piece, np.concatenate([X, np.ones((n, 1))], axis=1))
+    sums = np.stack([np.bincount(piece, values, len(heads)) for values in (*X.T, np.ones(n))], axis=1)
     sums = mpi.allreduce(sums)
     centre = sums[:, :-1] / sums[:, -1:]
-    size = max(mpi.allreduce(float(np.abs(X - centre[piece]).max(initial=0.0)), MPI.MAX), 1e-300)
-    modes, names = rigid_motions((X - centre[piece]) / size)
-    held = np.where(constrained[..., None], modes, 0.0)
+    arms = X - centre[piece]
+    size = max(mpi.allreduce(float(np.abs(arms).max(initial=0.0)), MPI.MAX), 1e-300)
+    some = np.flatnonzero(constrained.any(axis=1))
+    modes, names = rigid_motions(arms[some] / size)
     gram = np.zeros((len(heads), len(names), len(names)))
-    np.add.at(gram, piece, np.einsum("ndk,ndl->nkl", held, held))
+    _add_products(piece[some], np.where(constrained[some, :, None], modes, 0.0), gram)
     values, vectors = np.linalg.eigh(mpi.allreduce(gram))
     loose = np.flatnonzero(values[:, 0] <= SMALLEST_HOLD * np.maximum(values[:, -1], 1.0))
     if len(loose):
@@ -72,9 +72,9 @@ def check_resistance(particles: Particles, materials: list, constrained: np.ndar
     mpi, n = particles.comm.tompi4py(), particles.owned
     around = np.zeros(particles.local)
     for material in materials:
-        families, resists = material.families, material.resists_strain().astype(float)
+        families, resists = material.families, material.resists_strain()
         around[families.center] += resists
-        around += np.bincount(families.neighbours, np.repeat(resists, np.diff(families.offsets)), particles.local)
+        _add_to_neighbours(families.offsets, families.neighbours, resists, around)
     around = particles.exchange.reverse_add(around)[:n]
     loose = np.flatnonzero((around == 0) & ~constrained.all(axis=1))
     first = (int(particles.id[loose[0]]), tuple(particles.position[loose[0]])) if len(loose) else (np.inf, ())
@@ -114,31 +114,55 @@ def pieces(particles: Particles, families: Families) -> np.ndarray:
     """For every local particle the lowest id of the piece, connected by bonds, that it belongs to (collective)."""
     mpi, exchange = particles.comm.tompi4py(), particles.exchange
     label = particles.id.astype(np.int64)
+    head = _connect(families.center, families.offsets, families.neighbours, particles.local)
     while True:
         before = label.copy()
-        _spread(families.center, families.offsets, families.neighbours, label)
+        np.minimum.at(label, head, before)
+        label = label[head]
         exchange.forward(exchange.reverse_minimum(label))
         if not mpi.allreduce(int(np.any(label != before))):
             return label
 
 
 @njit(cache=True)
-def _spread(center, offsets, neighbours, label):
-    """Lower the labels of bonded particles to their minimum until nothing changes on this rank."""
-    changed = True
-    while changed:
-        changed = False
-        for sweep in range(2):  # forth and back: a front of labels crosses the body in one sweep
-            for k in range(len(center)):
-                f = k if sweep == 0 else len(center) - 1 - k
-                i = center[f]
-                lowest = label[i]
-                for b in range(offsets[f], offsets[f + 1]):
-                    lowest = min(lowest, label[neighbours[b]])
-                for b in range(offsets[f], offsets[f + 1]):
-                    if label[neighbours[b]] > lowest:
-                        label[neighbours[b]] = lowest
-                        changed = True
-                if label[i] > lowest:
-                    label[i] = lowest
-                    changed = True
+def _connect(center, offsets, neighbours, particles):
+    """For every particle the lowest one of those that bonds on this rank connect it with (union and find)."""
+    head = np.arange(particles)
+    for f in range(len(center)):
+        i = _find(head, center[f])
+        for b in range(offsets[f], offsets[f + 1]):
+            if head[neighbours[b]] != i:
+                j = _find(head, neighbours[b])
+                i, j = min(i, j), max(i, j)
+                head[j] = i
+    for i in range(particles):
+        head[i] = head[head[i]]
+    return head
+
+
+@njit(cache=True)
+def _find(head, i):
+    """The head of i's piece so far; the way there is made shorter."""
+    while head[i] != i:
+        head[i] = head[head[i]]
+        i = head[i]
+    return i
+
+
+@njit(cache=True)
+def _add_to_neighbours(offsets, neighbours, values, out):
+    """Add each family's value to all its neighbours."""
+    for f in range(len(values)):
+        for b in range(offsets[f], offsets[f + 1]):
+            out[neighbours[b]] += values[f]
+
+
+@njit(cache=True)
+def _add_products(piece, held, gram):
+    """Add each particle's sum over its directions d of held_dk held_dl to its piece."""
+    n, dim, motions = held.shape
+    for i in range(n):
+        for d in range(dim):
+            for k in range(motions):
+                for l in range(motions):
+                    gram[piece[i], k, l] += held[i, d, k] * held[i, d, l]

@@ -58,7 +58,7 @@ def assembler(p: Particles, *rows, held=None, young: float = 1.0, influence: str
     for number, row in enumerate(rows):
         own = families.subset(np.flatnonzero(kind == number))
         weight = bond_weights(own, p.position, p.horizon, p.spacing, INFLUENCE[influence], "none")
-        materials.append(row.build(Neighbourhood.of(own, weight, p.position, p.volume, p.horizon, p.spacing), young))
+        materials.append(row.build(Neighbourhood(own, weight, p.position, p.volume, p.horizon, p.spacing), young))
     loads = []
     if held is not None:
         X = p.position[: p.owned]

@@ -122,7 +122,7 @@ class Sample:
 
     def neighbourhood(self, families=None, weight=None) -> Neighbourhood:
         families, weight = families or self.families(), self.weight if weight is None else weight
-        return Neighbourhood.of(families, weight, self.X, self.volume, self.horizon, self.spacing, self.thickness)
+        return Neighbourhood(families, weight, self.X, self.volume, self.horizon, self.spacing, self.thickness)
 
     def material(self, row: Model) -> Material:
         return row.build(self.neighbourhood(), self.young)

@@ -18,6 +18,7 @@ LAYERS = (
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
     ("assembly",),
+    ("compact",),
     ("solvers", "recover", "adapt"),
     ("probes", "expectations", "observers", "io"),
     ("schema", "case", "simulation", "driver", "cli", "__main__"),
@@ -28,7 +29,7 @@ LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
 ONLY = {
     "materials": {"materials", "damage", "bonds", "quadrature", "errors"},
     "damage": {"materials", "damage", "bonds", "errors"},
-    "solvers": {"solvers", "assembly", "state", "loads", "errors", "options", "parallel", "timings"},
+    "solvers": {"solvers", "assembly", "compact", "state", "loads", "errors", "options", "parallel", "timings"},
     "schema": {
         "schema",
         "materials",

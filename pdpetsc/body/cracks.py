@@ -48,11 +48,11 @@ def cut_bonds(families: Families, position: np.ndarray, ids: np.ndarray, cracks:
     Raises:
         InputError: a crack has no extent or is not plane.
     """
-    sound = np.ones((len(cracks), families.bonds), bool)
+    cut = np.zeros((len(cracks), families.bonds), bool)
     for number, vertices in enumerate(cracks):
         sheet = _sheet(np.array(vertices, float), position.shape[1], f"body.cracks.{number}")
-        _cut(families.center, families.offsets, families.neighbours, position, ids, sheet, sound[number])
-    return ~sound
+        _cut(families.center, families.offsets, families.neighbours, position, ids, sheet, cut[number])
+    return cut
 
 
 def _sheet(vertices: np.ndarray, dim: int, place: str) -> Sheet:
@@ -87,32 +87,45 @@ def _sheet(vertices: np.ndarray, dim: int, place: str) -> Sheet:
 
 
 @njit(cache=True)
-def _cut(center, offsets, neighbours, X, ids, sheet, sound):
-    """Mark the bonds that meet the sheet as not sound."""
-    dim = X.shape[1]
-    point = np.zeros(2)
+def _cut(center, offsets, neighbours, X, ids, sheet, cut):
+    """Mark the bonds that meet the sheet."""
+    height = np.zeros(len(X))
+    far = 0.0  # from the plane of the sheet for a bond of any length
+    for i in range(len(X)):
+        distance = 0.0
+        for k in range(X.shape[1]):
+            arm = X[i, k] - sheet.origin[k]
+            height[i] += arm * sheet.normal[k]
+            distance += abs(arm)
+        far = max(far, 2 * TOUCH * distance)
     for f in range(len(center)):
+        i = center[f]
         for b in range(offsets[f], offsets[f + 1]):
-            p, q = center[f], neighbours[b]
-            if ids[q] < ids[p]:
-                p, q = q, p
-            above, below, square = 0.0, 0.0, 0.0
-            for k in range(dim):
-                above += (X[p, k] - sheet.origin[k]) * sheet.normal[k]
-                below += (X[q, k] - sheet.origin[k]) * sheet.normal[k]
-                square += (X[q, k] - X[p, k]) ** 2
-            near = TOUCH * np.sqrt(square)
-            if (above > near and below > near) or (above < -near and below < -near):
+            j = neighbours[b]
+            if min(height[i], height[j]) > far or max(height[i], height[j]) < -far:
                 continue
-            if abs(above) <= near and abs(below) <= near:  # along the crack
-                continue
-            share = min(max(above / (above - below), 0.0), 1.0)
-            for t in range(dim - 1):
-                point[t] = 0.0
-                for k in range(dim):
-                    point[t] += (X[p, k] + share * (X[q, k] - X[p, k]) - sheet.origin[k]) * sheet.tangents[t, k]
-            if dim == 1 or _covers(sheet.corners, point, near):
-                sound[b] = False
+            p, q = (i, j) if ids[i] < ids[j] else (j, i)
+            cut[b] = _meets(X[p], X[q], height[p], height[q], sheet)
+
+
+@njit(cache=True)
+def _meets(start, end, above, below, sheet):
+    """Whether a bond meets the sheet; its ends have these heights above the sheet's plane."""
+    dim = len(start)
+    square = 0.0
+    for k in range(dim):
+        square += (end[k] - start[k]) ** 2
+    near = TOUCH * np.sqrt(square)
+    if (above > near and below > near) or (above < -near and below < -near):
+        return False
+    if abs(above) <= near and abs(below) <= near:  # along the crack
+        return False
+    share = min(max(above / (above - below), 0.0), 1.0)
+    point = np.zeros(2)
+    for t in range(dim - 1):
+        for k in range(dim):
+            point[t] += (start[k] + share * (end[k] - start[k]) - sheet.origin[k]) * sheet.tangents[t, k]
+    return dim == 1 or _covers(sheet.corners, point, near)
 
 
 @njit(cache=True)

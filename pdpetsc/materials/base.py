@@ -8,6 +8,7 @@ stored energy: +dW/du, so that equilibrium reads force(u) = external force.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -29,30 +30,22 @@ class Neighbourhood:
 
     Attributes:
         families: families of the material's own particles.
-        dual: the same turned round, for every local particle.
         weight: influence times partial-volume factor w beta of each bond [-].
         position, volume, horizon, spacing: of all local particles.
         thickness: of a 2D body, cross-section of a 1D one, 1 in 3D; the volumes contain it.
         influence: the function w(r) that is in the weights.
+        interior: number of the first families that are known to contain no ghost, for `Assembler`.
     """
 
     families: Families
-    dual: DualFamilies
     weight: np.ndarray
     position: np.ndarray
     volume: np.ndarray
     horizon: np.ndarray
     spacing: np.ndarray
-    thickness: float
-    influence: Influence
-
-    @classmethod
-    def of(
-        cls, families, weight, position, volume, horizon, spacing, thickness=1.0, influence=INFLUENCE["constant"]
-    ) -> "Neighbourhood":
-        """With the dual families found here."""
-        dual = families.dual(len(position))
-        return cls(families, dual, weight, position, volume, horizon, spacing, thickness, influence)
+    thickness: float = 1.0
+    influence: Influence = INFLUENCE["constant"]
+    interior: int = 0
 
     @property
     def dim(self) -> int:
@@ -62,12 +55,14 @@ class Neighbourhood:
         """center, offsets and neighbours, as kernels take them."""
         return self.families.center, self.families.offsets, self.families.neighbours
 
-    def shape_tensors(self) -> np.ndarray:
-        """K = sum w beta V_j xi (x) xi of each family (seed 004 Eq. 3.19)."""
-        X, weight = self.position, self.weight * self.volume[self.families.neighbours]
-        shape = np.zeros((len(self.families), self.dim, self.dim))
-        kernels.weighted_moments(dimension(self.dim), *self.bonds(), X, weight, X, shape)
-        return shape
+    def weighted_moments(self, vectors: np.ndarray) -> np.ndarray:
+        """sum w beta V_j (vectors_j - vectors_i) (x) xi of each family; of the positions, the shape tensor K (seed 004
+        Eq. 3.19)."""
+        moments = np.zeros((len(self.families), self.dim, self.dim))
+        kernels.weighted_moments(
+            dimension(self.dim), self.position, *self.bonds(), self.weight, self.volume, vectors, moments
+        )
+        return moments
 
 
 class Keys:
@@ -103,7 +98,7 @@ class Material:
     Args:
         part: the particles and families that it acts on.
         data, tangent: NamedTuples of the model's arrays, for which its family kernels are registered (families.py).
-        modulus: P-wave modulus of the reduced dimension [force/area], the size of the stiffness.
+        lame, shear: Lame's constants of the reduced dimension [force/area].
     """
 
     models: ClassVar[dict[str, type["Material"]]] = {}
@@ -114,6 +109,8 @@ class Material:
     """Whether the tangent is symmetric (hyperelastic models)."""
     couples_family = True
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
+    follows_bonds = False
+    """Whether the tangent depends on the current bonds, not only on what a family remembers."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
 
@@ -121,14 +118,20 @@ class Material:
         if "name" in cls.__dict__:
             Material.models[cls.name] = cls
 
-    def __init__(self, part: Neighbourhood, data: NamedTuple, tangent: NamedTuple, modulus: float):
-        self.families, self.dual, self.modulus = part.families, part.dual, modulus
+    def __init__(self, part: Neighbourhood, data: NamedTuple, tangent: NamedTuple, lame: float, shear: float):
+        self.families, self.lame, self.shear = part.families, lame, shear
+        self.interior = part.interior
         self._part, self._data, self._tangent = part, data, tangent
         self._D = dimension(part.dim)
+        self._X, self._volume = part.position, part.volume
         self._bonds = part.bonds()
-        self._volume = part.volume
-        self._own = np.full(len(part.position), -1, np.int32)
-        self._own[part.families.center] = np.arange(len(part.families))
+        self._mechanics = data, self._bonds
+        """Data and bonds of forces and tangent; a model may take other ones that give the same."""
+
+    @property
+    def modulus(self) -> float:
+        """P-wave modulus lambda + 2 mu of the reduced dimension [force/area], the size of the stiffness."""
+        return self.lame + 2 * self.shear
 
     @classmethod
     def from_case(cls, keys, part: Neighbourhood) -> "Material":
@@ -155,34 +158,83 @@ class Material:
         """Cauchy stress of each family, (families, 3, 3) [force/area]."""
         raise NotImplementedError
 
-    def add_force(self, u: np.ndarray, force: np.ndarray) -> None:
-        """Add the internal forces dW/du [force] to `force`; NaN where the state is outside the model's domain."""
-        kernels.add_force(self._D, self._data, *self._bonds, self._volume, u, force)
+    def add_force(self, u: np.ndarray, force: np.ndarray, begin: int = 0, end: int | None = None) -> None:
+        """Add the internal forces dW/du [force] of the families begin ... end - 1 to `force`; NaN where the state is
+        outside the model's domain."""
+        data, bonds = self._mechanics
+        end = len(self.families) if end is None else end
+        kernels.add_force(self._D, data, self._X, *bonds, self._volume, u, force, begin, end)
 
     def add_force_scale(self, u: np.ndarray, scale: np.ndarray) -> None:
         """Add to `scale` (local,) the sum of the absolute terms that cancel in `add_force`: its rounding error is
         about machine precision times this."""
-        kernels.add_force_scale(self._D, self._data, *self._bonds, self._volume, u, scale)
+        data, bonds = self._mechanics
+        kernels.add_force_scale(self._D, data, self._X, *bonds, self._volume, u, scale)
 
     def linearise(self, u: np.ndarray) -> None:
-        """Prepare `add_action` and `add_rows` at u."""
-        kernels.linearise(self._D, self._data, self._tangent, *self._bonds, u)
+        """Prepare `add_action`, `add_diagonal` and `add_rows` at u."""
+        data, bonds = self._mechanics
+        self._u = u
+        kernels.linearise(self._D, data, self._tangent, self._X, *bonds, u)
 
-    def add_action(self, du: np.ndarray, force: np.ndarray) -> None:
-        """Add K du, with the tangent of the last `linearise`."""
-        kernels.add_action(self._D, self._tangent, *self._bonds, self._volume, du, force)
+    def add_action(self, du: np.ndarray, force: np.ndarray, begin: int = 0, end: int | None = None) -> None:
+        """Add K du of the families begin ... end - 1, with the tangent of the last `linearise`."""
+        data, bonds = self._mechanics
+        end = len(self.families) if end is None else end
+        kernels.add_action(
+            self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.follows_bonds, du, force,
+            begin, end,
+        )  # fmt: skip
 
-    def add_rows(self, row_offsets: np.ndarray, columns: np.ndarray, blocks: np.ndarray) -> None:
+    def add_diagonal(self, diagonal: np.ndarray) -> None:
+        """Add the tangent's diagonal blocks to `diagonal` (local, dim, dim)."""
+        data, bonds = self._mechanics
+        kernels.add_diagonal(
+            self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.couples_family, self.symmetric,
+            diagonal,
+        )  # fmt: skip
+
+    @property
+    def network(self) -> Families:
+        """The families by which forces and tangent are evaluated."""
+        return Families(*self._mechanics[1])
+
+    @cached_property
+    def dual(self) -> DualFamilies:
+        """The network turned round, for every local particle."""
+        return self.network.dual(len(self._X))
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Number of each local particle's family, -1 where it has none here."""
+        own = np.full(len(self._X), -1, np.int32)
+        own[self.families.center] = np.arange(len(self.families))
+        return own
+
+    def add_rows(self, row_offsets: np.ndarray, columns: np.ndarray, blocks: np.ndarray, upper: bool = False) -> None:
         """Add the tangent to block rows: row a of the local particles has blocks row_offsets[a] ...; `columns` holds
-        their local particle (-1: not on this rank), `blocks` (n, dim, dim) the values."""
+        their local particle (-1: not on this rank), `blocks` (n, dim, dim) the values. With `upper`, half of each
+        family's element matrix only, which `sparsity.symmetrise` completes."""
+        data, bonds = self._mechanics
+        dim, (_, _, neighbours) = len(self._D), bonds
+        count, families = (len(neighbours), len(self.families)) if self.couples_family else (0, 0)
+        block, left, left_center = (
+            np.empty((len(neighbours), dim, dim)),
+            np.empty((count, dim)),
+            np.empty((families, dim)),
+        )
+        right, right_center = (left, left_center) if self.symmetric else (left.copy(), left_center.copy())
+        element = block, left, right, left_center, right_center
+        state = self._D, data, self._tangent
+        kernels.elements(*state, self._X, *bonds, self._u, self.couples_family, *element)
         dual = self.dual
         kernels.add_rows(
-            self._D, self._tangent, *self._bonds, self._volume, self._own,
-            dual.offsets, dual.family, dual.bond, row_offsets, columns, blocks,
+            *state, *bonds, self._volume, self.own, dual.offsets, dual.family, dual.bond,
+            *element, self.couples_family, upper, row_offsets, columns, blocks,
         )  # fmt: skip
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Stored energy of each family [energy]."""
         energy = np.empty(len(self.families))
-        kernels.energies(self._D, self._data, *self._bonds, self._volume, u, energy)
+        kernels.energies(self._D, self._data, self._X, *self._bonds, self._volume, u, energy)
         return energy

@@ -65,19 +65,24 @@ class BondBased(Ordinary):
         microelastic: str = "prototype", kinematics: str = "nonlinear", surface_correction: str = "none",
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
-        n, length = part.dim, part.families.lengths(part.position)
-        delta = part.families.per_bond(part.horizon)
+        n, families = part.dim, part.families
         power = n if microelastic == "prototype" else n + 1  # of r in the integral of w(r) over the horizon
-        surface = SPHERE[n] * part.thickness
-        C = n**2 * moduli.bulk / (surface * delta ** (power + 1) * influence_moment(part.influence, power))
-        weight = C * part.weight / (length if microelastic == "prototype" else 1.0)
+        weight = part.weight.copy()
+        if microelastic == "prototype":
+            weight /= families.lengths(part.position)
+        moment = n**2 * moduli.bulk
         if quadrature == "matched":
-            moment = np.full(len(part.families), n**2 * moduli.bulk)
-            weight, matched = matched_weights(part.families, part.position, part.volume, weight, moment)
+            moments = np.full(len(families), moment)
+            weight, matched = matched_weights(families, part.position, part.volume, weight, moments)
             self.unmatched = int((~matched).sum())
-        k = weight * part.volume[part.families.neighbours]
+        else:
+            surface = SPHERE[n] * part.thickness * influence_moment(part.influence, power)
+            weight *= np.repeat(
+                moment / (surface * part.horizon[families.center] ** (power + 1)), np.diff(families.offsets)
+            )
+        k = weight * part.volume[families.neighbours]
         if surface_correction == "energy":
-            k = scaled_to(part, k, length**2, n**2 * moduli.bulk)
+            k = scaled_to(part, k, 2, moment)
         self._switches = {
             "nu": poisson, "quadrature": quadrature, "microelastic": microelastic,
             "surface_correction": surface_correction,

@@ -56,19 +56,14 @@ class Correspondence(Material):
         dim, families = part.dim, part.families
         self._law = law = elastic_law(elasticity, young, poisson, plane, dim)
         self._stress_dim = dimension(dim if plane == "stress" else 3)
-        shape = part.shape_tensors()
+        shape = part.weighted_moments(part.position)
         _check_shape(shape, families, part.position)
         weight = part.weight * part.volume[families.neighbours]
-        g, g_center = np.empty((families.bonds, dim)), np.empty((len(families), dim))
-        D, inverse = dimension(dim), np.linalg.inv(shape)
-        kernels.shape_gradients(D, *part.bonds(), part.position, weight, inverse, g, g_center)
         c = control_modulus(stabilisation, law.lame, law.shear, shape, part.horizon[families.center], part.thickness)
-        spring = np.repeat(c, np.diff(families.offsets)) * weight
         affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
-        modulus = law.lame + 2 * law.shear
-        data = kernels.Gradients(law, g, spring, affine, modulus)
-        tangent = kernels.GradientTangent(g, g_center, spring, np.empty((len(families), *(dim,) * 4)))
-        super().__init__(part, data, tangent, modulus)
+        data = kernels.Gradients(law, weight, np.linalg.inv(shape), c, affine, law.lame + 2 * law.shear)
+        tangent = kernels.GradientTangent(np.empty((len(families), *(dim,) * 4)))
+        super().__init__(part, data, tangent, law.lame, law.shear)
 
     @classmethod
     def from_case(cls, keys, part):
@@ -81,7 +76,8 @@ class Correspondence(Material):
 
     def displacement_gradient(self, u):
         H = np.zeros((len(self.families), 3, 3))
-        kernels.gradients(self._D, self._law, *self._bonds, self._data.g, u, H)
+        d = self._data
+        kernels.gradients(self._D, d.law, d.weight, d.inverse, self._X, *self._bonds, u, H)
         return H
 
     def cauchy_stress(self, u):

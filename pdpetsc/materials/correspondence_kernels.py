@@ -1,7 +1,9 @@
 """The family element of the correspondence model.
 
-g[b] = w beta V_j K^-1 xi, so that H_i = sum eta (x) g; `spring[b]` = c_i w beta V_j and `affine[f]` = a c_i K_i hold
-the zero-energy control (stabilisation.py). t = P_eff g + spring eta with P_eff = P - H affine.
+    H = M K^-1,  M = sum w eta (x) xi,   t = w (S xi + c eta),   S = (P(H) - a c H K) K^-1
+
+with w = w beta V_j of each bond. c and a of each family are those of the zero-energy control (stabilisation.py); its
+part in S takes the affine motion out.
 """
 
 from typing import NamedTuple
@@ -11,14 +13,17 @@ from numba import njit
 
 from pdpetsc.materials.elasticity import elasticity_tensor, energy_density, first_piola, lateral_strain
 from pdpetsc.materials.families import (
+    FAST,
     action_state,
     add_modes,
-    bond_stiffness,
+    element_state,
     energy_state,
     force_state,
+    gather_two,
     implements,
-    length,
     linearise_state,
+    mode_block,
+    scratch,
     size_state,
 )
 
@@ -28,115 +33,124 @@ class Gradients(NamedTuple):
 
     Attributes:
         law: elastic law P(F).
-        g, spring: of each bond; affine: of each family (see above).
+        weight: w beta V_j of each bond [length^3].
+        inverse: K^-1 of each family.
+        control: c of each family [force/length^7].
+        affine: a c K of each family.
         modulus: P-wave modulus [force/area].
     """
 
     law: NamedTuple
-    g: np.ndarray
-    spring: np.ndarray
+    weight: np.ndarray
+    inverse: np.ndarray
+    control: np.ndarray
     affine: np.ndarray
     modulus: float
 
 
 class GradientTangent(NamedTuple):
-    """Its tangent: `tensor[f]` = dP/dF minus the affine part of the zero-energy control; g_center = -sum g."""
+    """What a family remembers of the state: `tensor` = dP/dF less the affine part of the zero-energy control."""
 
-    g: np.ndarray
-    g_center: np.ndarray
-    spring: np.ndarray
     tensor: np.ndarray
 
 
-@njit(cache=True)
-def shape_gradients(D, center, offsets, neighbours, X, weight, inverse, g, g_center):
-    """g = w beta V_j K^-1 xi of each bond and g_center = -sum g of each family, with the inverse shape tensors."""
-    dim = len(D)
-    for f in range(len(center)):
-        i = center[f]
-        g_center[f] = 0.0
-        for b in range(offsets[f], offsets[f + 1]):
-            j = neighbours[b]
-            for p in range(dim):
-                value = 0.0
-                for q in range(dim):
-                    value += inverse[f, p, q] * (X[j, q] - X[i, q])
-                g[b, p] = weight[b] * value
-                g_center[f, p] -= g[b, p]
-
-
 @njit(cache=True, inline="always")
-def gradient(D, i, first, last, neighbours, g, u, H):
-    """H = sum eta (x) g of the family of i."""
+def gradient(D, f, first, size, weight, inverse, xi, eta, s, M, H):
+    """Fill s with w xi, M with sum w eta (x) xi and H with M K^-1."""
     dim = len(D)
     for p in range(dim):
-        for q in range(dim):
-            H[p, q] = 0.0
-    for b in range(first, last):
-        j = neighbours[b]
-        for p in range(dim):
-            eta = u[j, p] - u[i, p]
+        for q in range(size):
+            s[p, q] = weight[first + q] * xi[p, q]
+    for p in range(dim):
+        for r in range(dim):
+            total = 0.0
+            for q in range(size):
+                total += eta[p, q] * s[r, q]
+            M[p, r] = total
+    for p in range(dim):
+        for r in range(dim):
+            total = 0.0
             for q in range(dim):
-                H[p, q] += eta * g[b, q]
+                total += M[p, q] * inverse[f, q, r]
+            H[p, r] = total
 
 
 @njit(cache=True, inline="always")
-def gradient_forces(D, i, first, last, neighbours, g, spring, P, u, t):
-    """t = P g + spring eta."""
+def gradient_forces(D, f, first, size, weight, inverse, control, P, eta, s, t):
+    """t = P K^-1 (w xi) + c w eta, with w xi in s."""
     dim = len(D)
-    for b in range(first, last):
-        j = neighbours[b]
-        for p in range(dim):
-            value = spring[b] * (u[j, p] - u[i, p])
+    c = control[f]
+    for p in range(dim):
+        for q in range(size):
+            t[p, q] = c * weight[first + q] * eta[p, q]
+        for r in range(dim):
+            S = 0.0
             for q in range(dim):
-                value += P[p, q] * g[b, q]
-            t[b - first, p] = value
+                S += P[p, q] * inverse[f, q, r]
+            for q in range(size):
+                t[p, q] += S * s[r, q]
 
 
 @implements(force_state, Gradients)
-def force(D, data, f, i, first, last, neighbours, u, space):
+def force(D, data, f, first, size, space):
     dim = len(D)
-    H, P, g, affine = space.H, space.P, data.g, data.affine
-    gradient(D, i, first, last, neighbours, g, u, H)
+    H, P, eta, s, weight, inverse, affine = space.H, space.P, space.eta, space.s, data.weight, data.inverse, data.affine
+    gradient(D, f, first, size, weight, inverse, space.xi, eta, s, P, H)
     first_piola(data.law, H, P, space.work)
     for p in range(dim):
         for q in range(dim):
             for r in range(dim):
                 P[p, q] -= H[p, r] * affine[f, r, q]
-    gradient_forces(D, i, first, last, neighbours, g, data.spring, P, u, space.t)
+    gradient_forces(D, f, first, size, weight, inverse, data.control, P, eta, s, space.t)
 
 
 @implements(energy_state, Gradients)
-def energy(D, data, f, i, first, last, neighbours, u, space):
+def energy(D, data, f, first, size, space):
     dim = len(D)
-    H = space.H
-    gradient(D, i, first, last, neighbours, data.g, u, H)
+    H, P, eta, weight, affine = space.H, space.P, space.eta, data.weight, data.affine
+    gradient(D, f, first, size, weight, data.inverse, space.xi, eta, space.s, P, H)
     control = 0.0
-    for b in range(first, last):
-        j = neighbours[b]
+    for q in range(size):
         for p in range(dim):
-            control += data.spring[b] * (u[j, p] - u[i, p]) ** 2
+            control += weight[first + q] * eta[p, q] ** 2
+    control *= data.control[f]
     for p in range(dim):
         for q in range(dim):
             for r in range(dim):
-                control -= H[p, q] * data.affine[f, q, r] * H[p, r]
+                control -= H[p, q] * affine[f, q, r] * H[p, r]
     return energy_density(data.law, H, space.work) + 0.5 * control
 
 
+@njit(cache=True, inline="always")
+def shape_gradient(D, f, b, q, weight, inverse, xi, g):
+    """g = w K^-1 xi of one bond; H = sum eta (x) g."""
+    for p in range(len(D)):
+        total = 0.0
+        for r in range(len(D)):
+            total += inverse[f, p, r] * xi[r, q]
+        g[p] = weight[b] * total
+
+
 @implements(size_state, Gradients)
-def size(D, data, f, i, first, last, neighbours, u, space):
+def size(D, data, f, first, size, space):
+    dim = len(D)
+    g, a, b = space.H[0], space.a, space.b
     stress = 0.0  # modulus |H|
-    for b in range(first, last):
-        stress += data.modulus * length(D, data.g, b) * (length(D, u, i) + length(D, u, neighbours[b]))
-    for b in range(first, last):
-        eta = length(D, u, i) + length(D, u, neighbours[b])
-        space.a[b - first] = stress * length(D, data.g, b) + data.spring[b] * eta
+    for q in range(size):
+        shape_gradient(D, f, first + q, q, data.weight, data.inverse, space.xi, g)
+        square = 0.0
+        for p in range(dim):
+            square += g[p] ** 2
+        b[q] = np.sqrt(square)
+        stress += data.modulus * b[q] * a[q]
+    for q in range(size):
+        b[q] = stress * b[q] + data.control[f] * data.weight[first + q] * a[q]
 
 
 @implements(linearise_state, Gradients)
-def linearise(D, data, tangent, f, i, first, last, neighbours, u, space):
+def linearise(D, data, tangent, f, first, size, space):
     dim = len(D)
-    gradient(D, i, first, last, neighbours, data.g, u, space.H)
+    gradient(D, f, first, size, data.weight, data.inverse, space.xi, space.eta, space.s, space.P, space.H)
     elasticity_tensor(data.law, space.H, tangent.tensor[f], space.work)
     for p in range(dim):
         for q in range(dim):
@@ -144,69 +158,80 @@ def linearise(D, data, tangent, f, i, first, last, neighbours, u, space):
                 tangent.tensor[f, p, q, p, r] -= data.affine[f, r, q]
 
 
-@implements(action_state, GradientTangent)
-def action(D, tangent, f, i, first, last, neighbours, du, space):
+@implements(action_state, Gradients)
+def action(D, data, tangent, f, first, size, space):
     dim = len(D)
-    H, P = space.H, space.P
-    gradient(D, i, first, last, neighbours, tangent.g, du, H)
+    H, P, deta, s, weight, inverse, tensor = (
+        space.H, space.P, space.deta, space.s, data.weight, data.inverse, tangent.tensor
+    )  # fmt: skip
+    gradient(D, f, first, size, weight, inverse, space.xi, deta, s, P, H)
     for p in range(dim):
         for q in range(dim):
-            value = 0.0
+            total = 0.0
             for r in range(dim):
-                for s in range(dim):
-                    value += tangent.tensor[f, p, q, r, s] * H[r, s]
-            P[p, q] = value
-    gradient_forces(D, i, first, last, neighbours, tangent.g, tangent.spring, P, du, space.t)
+                for m in range(dim):
+                    total += tensor[f, p, q, r, m] * H[r, m]
+            P[p, q] = total
+    gradient_forces(D, f, first, size, weight, inverse, data.control, P, deta, s, space.t)
 
 
-@implements(bond_stiffness, GradientTangent)
-def stiffness(D, tangent, b, block):
-    spring = tangent.spring[b]
-    for p in range(len(D)):
-        for q in range(len(D)):
-            block[p, q] = 0.0
-        block[p, p] = spring
-
-
-@implements(add_modes, GradientTangent)
-def modes(D, tangent, f, b, first, last, neighbours, i, V, position, half, blocks):
-    """V g_b . tensor . g of every particle of the family."""
+@implements(element_state, Gradients)
+def element(D, data, tangent, f, first, size, space, block, left, right):
     dim = len(D)
-    g, g_center, tensor = tangent.g, tangent.g_center, tangent.tensor
-    for p in range(dim):
-        for r in range(dim):
-            for s in range(dim):
-                value = 0.0
-                for q in range(dim):
-                    g_row = g_center[f, q] if b < 0 else g[b, q]
-                    value += tensor[f, p, q, r, s] * g_row
-                half[p, r, s] = V * value
-    k = position[i]
-    for p in range(dim):
-        for r in range(dim):
-            for s in range(dim):
-                blocks[k, p, r] += half[p, r, s] * g_center[f, s]
-    for c in range(first, last):
-        k = position[neighbours[c]]
+    for q in range(size):
+        b = first + q
         for p in range(dim):
             for r in range(dim):
-                value = 0.0
+                block[q, p, r] = 0.0
+            block[q, p, p] = data.control[f] * data.weight[b]
+        shape_gradient(D, f, b, q, data.weight, data.inverse, space.xi, left[q])
+
+
+@implements(mode_block, Gradients)
+def coupling(D, data, tangent, f, left, right, block):
+    dim = len(D)
+    for p in range(dim):
+        for r in range(dim):
+            total = 0.0
+            for q in range(dim):
                 for s in range(dim):
-                    value += half[p, r, s] * g[c, s]
-                blocks[k, p, r] += value
+                    total += tangent.tensor[f, p, q, r, s] * left[q] * right[s]
+            block[p, r] = total
 
 
-@njit(cache=True)
-def gradients(D, law, center, offsets, neighbours, g, u, out):
+@implements(add_modes, Gradients)
+def modes(D, data, tangent, f, left, right, first, last, neighbours, position, V, half, blocks):
+    dim = len(D)
+    for p in range(dim):
+        for r in range(dim):
+            for s in range(dim):
+                total = 0.0
+                for q in range(dim):
+                    total += tangent.tensor[f, p, q, r, s] * left[q]
+                half[p, r, s] = V * total
+    for b in range(first, last):
+        k = position[neighbours[b]]
+        for p in range(dim):
+            for r in range(dim):
+                total = 0.0
+                for s in range(dim):
+                    total += half[p, r, s] * right[b, s]
+                blocks[k, p, r] += total
+
+
+@njit(cache=True, **FAST)
+def gradients(D, law, weight, inverse, X, center, offsets, neighbours, u, out):
     """H of each family (n, 3, 3), in the directions that the body does not have as the law wants it."""
     dim = len(D)
-    H = np.empty((dim, dim))
-    work = np.empty((8, 3, 3))
+    space = scratch(D, offsets)
+    H = space.H
     for f in range(len(center)):
-        gradient(D, center[f], offsets[f], offsets[f + 1], neighbours, g, u, H)
+        first, last = offsets[f], offsets[f + 1]
+        gather_two(D, X, u, center[f], first, last, neighbours, space.xi, space.eta)
+        gradient(D, f, first, last - first, weight, inverse, space.xi, space.eta, space.s, space.P, H)
         out[f, :dim, :dim] = H
         for p in range(dim, 3):
-            out[f, p, p] = lateral_strain(law, H, work)
+            out[f, p, p] = lateral_strain(law, H, space.work)
 
 
 @njit(cache=True)

@@ -30,6 +30,7 @@ from pdpetsc.materials.neo_hookean import (
     plane_stress_tensor,
 )
 from pdpetsc.materials.tensors import (
+    EXACT,
     green_strain,
     invalid,
     inverse_transpose,
@@ -310,21 +311,21 @@ COMPILED = {
 }
 
 
-@overload(energy_density)
+@overload(energy_density, jit_options=EXACT)
 def _energy_density(law, H, work):
     return COMPILED[law.instance_class][0]
 
 
-@overload(first_piola)
+@overload(first_piola, jit_options=EXACT)
 def _first_piola(law, H, P, work):
     return COMPILED[law.instance_class][1]
 
 
-@overload(elasticity_tensor)
+@overload(elasticity_tensor, jit_options=EXACT)
 def _elasticity_tensor(law, H, A, work):
     return COMPILED[law.instance_class][2]
 
 
-@overload(lateral_strain)
+@overload(lateral_strain, jit_options=EXACT)
 def _lateral_strain(law, H, work):
     return COMPILED[law.instance_class][3]

@@ -1,21 +1,31 @@
 """Compiled loops over families, the same for every model: forces, tangent, its action and rows, energies.
 
-A family f belongs to the particle i = center[f]; its bonds first = offsets[f] ... last - 1 lead to neighbours[b]. With
-w_f(eta_first, eta_first+1, ...) the energy of a family per volume V_i of its center, a model says
+A family f belongs to the particle i = center[f]; its bonds first = offsets[f] ... last - 1 lead to neighbours[b]. A
+model sees one family at a time and never the mesh: the loops here gather its reference bonds xi and relative
+displacements eta into contiguous buffers, the model fills the bonds' forces
 
-    t_b = dw_f/deta_b                      `force_state`
+    t_b = dw_f/deta_b                      `force_state`       w_f the energy per volume V_i of its center
     w_f                                    `energy_state`
-    dt_b = D_b deta_b + modes              `linearise_state` fills a tangent of the model's kind, for `action_state`,
-                                           `bond_stiffness` (D_b) and `add_modes` (what couples the bonds of a family)
     a bound of the terms that cancel       `size_state`
 
-and everything else is done here: V_i t_b acts on the neighbour, the opposite on i (seed 002 Eq. 14), and the tangent
-follows. The functions are chosen by the type of the NamedTuples `data` and `tangent` that hold a model's arrays and
-parameters (`implements`).
+and V_i t_b acts on the neighbour, the opposite on i (seed 002 Eq. 14). The tangent has what each bond feels by itself
+and what couples the bonds of a family through a few modes,
+
+    dt_b = D_b deta_b + left_b C_f sum_c right_c deta_c
+
+    what a family remembers of a state     `linearise_state`
+    dt of given deta                       `action_state`
+    D_b, left_b, right_b                   `element_state`     (right = left where the tangent is symmetric)
+    left C right of two vectors            `mode_block`
+    the same for one left and many rights  `add_modes`
+
+so that its action costs as much as the forces and nothing is stored per bond. The functions are chosen by the type of
+the NamedTuples `data` and `tangent` that hold a model's arrays and parameters (`implements`).
 
 The dimension comes as the length of a tuple D, `dimension(2) = (0, 0)`: that is part of the tuple's type, so numba
 compiles the loops for it with fixed bounds, once for all runs. (A factory that closes over the dimension and over other
-compiled functions would be compiled again in every process.)
+compiled functions would be compiled again in every process.) Sums over bonds may be reordered for vector instructions
+(`FAST`); a family's sums do not depend on the rank, so neither do results.
 """
 
 from typing import NamedTuple
@@ -24,6 +34,9 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
+FAST = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz", "arcp"}}
+"""How loops over bonds are compiled: no checks for divisions by zero, sums in any order; NaN and inf as usual."""
+
 
 def dimension(dim: int) -> tuple[int, ...]:
     """The tuple that stands for a dimension in calls of the kernels."""
@@ -31,10 +44,15 @@ def dimension(dim: int) -> tuple[int, ...]:
 
 
 class Scratch(NamedTuple):
-    """Memory that `force_state` and its like may use as they wish; `t`, `a` and `b` are as long as the families."""
+    """Buffers of one family. The loops fill xi, eta and (for actions) deta, models fill t; the others they may use as
+    they wish. Bonds are the last index."""
 
-    t: np.ndarray  # (largest family, dim)
-    a: np.ndarray  # (largest family,)
+    xi: np.ndarray  # (dim, largest family) reference bonds X_j - X_i [length]
+    eta: np.ndarray  # (dim, largest) relative displacements u_j - u_i [length]
+    deta: np.ndarray  # (dim, largest) their changes
+    t: np.ndarray  # (dim, largest) forces [force/volume]
+    s: np.ndarray  # (dim, largest)
+    a: np.ndarray  # (largest,)
     b: np.ndarray
     H: np.ndarray  # (dim, dim)
     P: np.ndarray
@@ -42,13 +60,19 @@ class Scratch(NamedTuple):
 
 
 @njit(cache=True)
-def scratch(D, offsets):
-    dim = len(D)
+def largest_family(offsets):
     largest = 0
     for f in range(len(offsets) - 1):
         largest = max(largest, offsets[f + 1] - offsets[f])
+    return largest
+
+
+@njit(cache=True)
+def scratch(D, offsets):
+    dim, largest = len(D), largest_family(offsets)
     return Scratch(
-        np.empty((largest, dim)), np.empty(largest), np.empty(largest),
+        np.empty((dim, largest)), np.empty((dim, largest)), np.empty((dim, largest)), np.empty((dim, largest)),
+        np.empty((dim, largest)), np.empty(largest), np.empty(largest),
         np.empty((dim, dim)), np.empty((dim, dim)), np.empty((8, 3, 3)),
     )  # fmt: skip
 
@@ -56,45 +80,50 @@ def scratch(D, offsets):
 # What a model gives -------------------------------------------------------------------------------------------
 
 
-def force_state(D, data, f, i, first, last, neighbours, u, space):
-    """Fill space.t[k] with t of bond first + k [force/volume]; NaN outside the model's domain."""
+def force_state(D, data, f, first, size, space):
+    """Fill space.t[:, k] with t of bond first + k [force/volume]; NaN outside the model's domain."""
 
 
-def energy_state(D, data, f, i, first, last, neighbours, u, space):
+def energy_state(D, data, f, first, size, space):
     """w_f [energy/volume]."""
 
 
-def size_state(D, data, f, i, first, last, neighbours, u, space):
-    """Fill space.a[k] with the sum of the absolute terms of t of bond first + k, with |u_i| + |u_j| for |eta|."""
+def size_state(D, data, f, first, size, space):
+    """Fill space.b[k] with the sum of the absolute terms of t of bond first + k, given |u_i| + |u_j| for |eta| in
+    space.a."""
 
 
-def linearise_state(D, data, tangent, f, i, first, last, neighbours, u, space):
+def linearise_state(D, data, tangent, f, first, size, space):
     """Fill the parts of `tangent` that belong to family f."""
 
 
-def action_state(D, tangent, f, i, first, last, neighbours, du, space):
-    """Fill space.t[k] with dt of bond first + k."""
+def action_state(D, data, tangent, f, first, size, space):
+    """Fill space.t[:, k] with dt of bond first + k, from space.deta."""
 
 
-def bond_stiffness(D, tangent, b, block):
-    """Fill block (dim, dim) with D_b."""
+def element_state(D, data, tangent, f, first, size, space, block, left, right):
+    """Fill block[k] (dim, dim), left[k] and right[k] (dim,) with those of bond first + k; left may be right."""
 
 
-def add_modes(D, tangent, f, b, first, last, neighbours, i, V, position, half, blocks):
-    """Add V dt_b/du of what couples the bonds to the blocks position[...] of one row; b < 0: the center's row,
-    which is minus the sum of all bonds'. `half` (dim, dim, dim) is scratch."""
+def mode_block(D, data, tangent, f, left, right, block):
+    """Fill block (dim, dim) with left C_f right."""
+
+
+def add_modes(D, data, tangent, f, left, right, first, last, neighbours, position, V, half, blocks):
+    """Add V left C_f right[b] to blocks[position[neighbours[b]]] for all bonds from `first` to `last`. `half`
+    (dim, dim, dim) is scratch."""
 
 
 IMPLEMENTED = {
     function: {}
     for function in (
-        force_state, energy_state, size_state, linearise_state, action_state, bond_stiffness, add_modes,
+        force_state, energy_state, size_state, linearise_state, action_state, element_state, mode_block, add_modes,
     )
 }  # fmt: skip
 
 
 def implements(function, kind: type):
-    """Register what is decorated as `function` for data (or a tangent) of a NamedTuple type."""
+    """Register what is decorated as `function` for data of a NamedTuple type."""
 
     def register(implementation):
         IMPLEMENTED[function][kind] = implementation
@@ -103,42 +132,109 @@ def implements(function, kind: type):
     return register
 
 
-@overload(force_state)
-def _(D, data, f, i, first, last, neighbours, u, space):
+@overload(force_state, jit_options=FAST)
+def _(D, data, f, first, size, space):
     return IMPLEMENTED[force_state][data.instance_class]
 
 
-@overload(energy_state)
-def _(D, data, f, i, first, last, neighbours, u, space):
+@overload(energy_state, jit_options=FAST)
+def _(D, data, f, first, size, space):
     return IMPLEMENTED[energy_state][data.instance_class]
 
 
-@overload(size_state)
-def _(D, data, f, i, first, last, neighbours, u, space):
+@overload(size_state, jit_options=FAST)
+def _(D, data, f, first, size, space):
     return IMPLEMENTED[size_state][data.instance_class]
 
 
-@overload(linearise_state)
-def _(D, data, tangent, f, i, first, last, neighbours, u, space):
+@overload(linearise_state, jit_options=FAST)
+def _(D, data, tangent, f, first, size, space):
     return IMPLEMENTED[linearise_state][data.instance_class]
 
 
-@overload(action_state)
-def _(D, tangent, f, i, first, last, neighbours, du, space):
-    return IMPLEMENTED[action_state][tangent.instance_class]
+@overload(action_state, jit_options=FAST)
+def _(D, data, tangent, f, first, size, space):
+    return IMPLEMENTED[action_state][data.instance_class]
 
 
-@overload(bond_stiffness)
-def _(D, tangent, b, block):
-    return IMPLEMENTED[bond_stiffness][tangent.instance_class]
+@overload(element_state, jit_options=FAST)
+def _(D, data, tangent, f, first, size, space, block, left, right):
+    return IMPLEMENTED[element_state][data.instance_class]
 
 
-@overload(add_modes)
-def _(D, tangent, f, b, first, last, neighbours, i, V, position, half, blocks):
-    return IMPLEMENTED[add_modes][tangent.instance_class]
+@overload(mode_block, jit_options=FAST)
+def _(D, data, tangent, f, left, right, block):
+    return IMPLEMENTED[mode_block][data.instance_class]
+
+
+@overload(add_modes, jit_options=FAST)
+def _(D, data, tangent, f, left, right, first, last, neighbours, position, V, half, blocks):
+    return IMPLEMENTED[add_modes][data.instance_class]
 
 
 # The loops ----------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, inline="always")
+def gather(D, field, i, first, last, neighbours, out):
+    """Differences field_j - field_i of the bonds."""
+    for b in range(first, last):
+        j = neighbours[b]
+        for p in range(len(D)):
+            out[p, b - first] = field[j, p] - field[i, p]
+
+
+@njit(cache=True, inline="always")
+def gather_two(D, field, other, i, first, last, neighbours, out, out_other):
+    """The same of two fields at once."""
+    for b in range(first, last):
+        j = neighbours[b]
+        for p in range(len(D)):
+            out[p, b - first] = field[j, p] - field[i, p]
+            out_other[p, b - first] = other[j, p] - other[i, p]
+
+
+@njit(cache=True, inline="always")
+def scatter(D, t, i, first, last, neighbours, V, force):
+    """Add V t to the neighbours and take it from the center."""
+    for p in range(len(D)):
+        total = 0.0
+        for k in range(last - first):
+            t[p, k] *= V
+            total += t[p, k]
+        force[i, p] -= total
+    for b in range(first, last):
+        j = neighbours[b]
+        for p in range(len(D)):
+            force[j, p] += t[p, b - first]
+
+
+@njit(cache=True, **FAST)
+def add_force(D, data, X, center, offsets, neighbours, volume, u, force, begin, end):
+    """Forces of the families begin ... end - 1."""
+    space = scratch(D, offsets)
+    xi, eta, t = space.xi, space.eta, space.t
+    for f in range(begin, end):
+        i, first, last = center[f], offsets[f], offsets[f + 1]
+        gather_two(D, X, u, i, first, last, neighbours, xi, eta)
+        force_state(D, data, f, first, last - first, space)
+        scatter(D, t, i, first, last, neighbours, volume[i], force)
+
+
+@njit(cache=True, **FAST)
+def add_force_scale(D, data, X, center, offsets, neighbours, volume, u, scale):
+    space = scratch(D, offsets)
+    for f in range(len(center)):
+        i, first, last = center[f], offsets[f], offsets[f + 1]
+        gather(D, X, i, first, last, neighbours, space.xi)
+        own = length(D, u, i)
+        for b in range(first, last):
+            space.a[b - first] = own + length(D, u, neighbours[b])
+        size_state(D, data, f, first, last - first, space)
+        for b in range(first, last):
+            term = volume[i] * space.b[b - first]
+            scale[neighbours[b]] += term
+            scale[i] += term
 
 
 @njit(cache=True)
@@ -150,131 +246,224 @@ def length(D, vectors, k):
     return np.sqrt(square)
 
 
-@njit(cache=True)
-def scatter(D, t, i, first, last, neighbours, V, force):
-    """Add V t to the neighbours and take it from the center."""
+@njit(cache=True, **FAST)
+def energies(D, data, X, center, offsets, neighbours, volume, u, energy):
+    space = scratch(D, offsets)
+    for f in range(len(center)):
+        i, first, last = center[f], offsets[f], offsets[f + 1]
+        gather_two(D, X, u, i, first, last, neighbours, space.xi, space.eta)
+        energy[f] = volume[i] * energy_state(D, data, f, first, last - first, space)
+
+
+@njit(cache=True, **FAST)
+def linearise(D, data, tangent, X, center, offsets, neighbours, u):
+    space = scratch(D, offsets)
+    for f in range(len(center)):
+        first, last = offsets[f], offsets[f + 1]
+        gather_two(D, X, u, center[f], first, last, neighbours, space.xi, space.eta)
+        linearise_state(D, data, tangent, f, first, last - first, space)
+
+
+@njit(cache=True, **FAST)
+def add_action(D, data, tangent, X, center, offsets, neighbours, volume, u, follows, du, force, begin, end):
+    """Action of the families begin ... end - 1. `follows`: whether action_state looks at eta, the state u."""
+    space = scratch(D, offsets)
+    xi, eta, deta, t = space.xi, space.eta, space.deta, space.t
+    for f in range(begin, end):
+        i, first, last = center[f], offsets[f], offsets[f + 1]
+        gather_two(D, X, du, i, first, last, neighbours, xi, deta)
+        if follows:
+            gather(D, u, i, first, last, neighbours, eta)
+        action_state(D, data, tangent, f, first, last - first, space)
+        scatter(D, t, i, first, last, neighbours, volume[i], force)
+
+
+@njit(cache=True, inline="always")
+def add_block(D, block, V, blocks, k):
+    """Add V block to block k."""
+    for p in range(len(D)):
+        for q in range(len(D)):
+            blocks[k, p, q] += V * block[p, q]
+
+
+@njit(cache=True, **FAST)
+def add_diagonal(D, data, tangent, X, center, offsets, neighbours, volume, u, couples, symmetric, diagonal):
+    """Add the tangent's diagonal blocks (particles, dim, dim)."""
     dim = len(D)
-    for k in range(last - first):
-        j = neighbours[first + k]
-        for p in range(dim):
-            force[j, p] += V * t[k, p]
-            force[i, p] -= V * t[k, p]
-
-
-@njit(cache=True)
-def add_force(D, data, center, offsets, neighbours, volume, u, force):
     space = scratch(D, offsets)
+    largest = len(space.a)
+    block, left = np.empty((largest, dim, dim)), np.empty((largest, dim))
+    right = left if symmetric else np.empty((largest, dim))
+    coupled, left_center, right_center = np.empty((dim, dim)), np.empty(dim), np.empty(dim)
     for f in range(len(center)):
         i, first, last = center[f], offsets[f], offsets[f + 1]
-        force_state(D, data, f, i, first, last, neighbours, u, space)
-        scatter(D, space.t, i, first, last, neighbours, volume[i], force)
-
-
-@njit(cache=True)
-def add_force_scale(D, data, center, offsets, neighbours, volume, u, scale):
-    space = scratch(D, offsets)
-    for f in range(len(center)):
-        i, first, last = center[f], offsets[f], offsets[f + 1]
-        size_state(D, data, f, i, first, last, neighbours, u, space)
+        V = volume[i]
+        gather_two(D, X, u, i, first, last, neighbours, space.xi, space.eta)
+        element_state(D, data, tangent, f, first, last - first, space, block, left, right)
+        left_center[:] = 0.0
+        right_center[:] = 0.0
         for k in range(last - first):
-            term = volume[i] * space.a[k]
-            scale[neighbours[first + k]] += term
-            scale[i] += term
+            add_block(D, block[k], V, diagonal, neighbours[first + k])
+            add_block(D, block[k], V, diagonal, i)
+        if couples:
+            for k in range(last - first):
+                mode_block(D, data, tangent, f, left[k], right[k], coupled)
+                add_block(D, coupled, V, diagonal, neighbours[first + k])
+                for p in range(dim):
+                    left_center[p] -= left[k, p]
+                    right_center[p] -= right[k, p]
+            mode_block(D, data, tangent, f, left_center, right_center, coupled)
+            add_block(D, coupled, V, diagonal, i)
 
 
-@njit(cache=True)
-def energies(D, data, center, offsets, neighbours, volume, u, energy):
+@njit(cache=True, **FAST)
+def elements(
+    D, data, tangent, X, center, offsets, neighbours, u, couples, block, left, right,
+    left_center, right_center,
+):  # fmt: skip
+    """D_b, left_b, right_b of all bonds, and minus their families' sums for the centers."""
     space = scratch(D, offsets)
     for f in range(len(center)):
-        i, first, last = center[f], offsets[f], offsets[f + 1]
-        energy[f] = volume[i] * energy_state(D, data, f, i, first, last, neighbours, u, space)
+        first, last = offsets[f], offsets[f + 1]
+        gather_two(D, X, u, center[f], first, last, neighbours, space.xi, space.eta)
+        element_state(
+            D, data, tangent, f, first, last - first, space, block[first:last], left[first:last], right[first:last]
+        )
+        for p in range(len(D) if couples else 0):
+            sum_left, sum_right = 0.0, 0.0
+            for b in range(first, last):
+                sum_left += left[b, p]
+                sum_right += right[b, p]
+            left_center[f, p] = -sum_left
+            right_center[f, p] = -sum_right
 
 
-@njit(cache=True)
-def linearise(D, data, tangent, center, offsets, neighbours, u):
-    space = scratch(D, offsets)
-    for f in range(len(center)):
-        i, first, last = center[f], offsets[f], offsets[f + 1]
-        linearise_state(D, data, tangent, f, i, first, last, neighbours, u, space)
-
-
-@njit(cache=True)
-def add_action(D, tangent, center, offsets, neighbours, volume, du, force):
-    space = scratch(D, offsets)
-    for f in range(len(center)):
-        i, first, last = center[f], offsets[f], offsets[f + 1]
-        action_state(D, tangent, f, i, first, last, neighbours, du, space)
-        scatter(D, space.t, i, first, last, neighbours, volume[i], force)
-
-
-@njit(cache=True)
-def add_block(D, block, V, blocks, plus, minus):
-    """Add V block to one block of a row and take it from another."""
-    dim = len(D)
-    for p in range(dim):
-        for q in range(dim):
-            blocks[plus, p, q] += V * block[p, q]
-            blocks[minus, p, q] -= V * block[p, q]
-
-
-@njit(cache=True)
+@njit(cache=True, **FAST)
 def add_rows(
-    D, tangent, center, offsets, neighbours, volume, own,
-    dual_offsets, dual_family, dual_bond, row_offsets, columns, blocks,
+    D, data, tangent, center, offsets, neighbours, volume, own, dual_offsets, dual_family, dual_bond,
+    block, left, right, left_center, right_center, couples, upper, row_offsets, columns, blocks,
 ):  # fmt: skip
     """Row by row: the contributions of the row's own family and of every family that contains it.
 
-    `own[a]` is the number of particle a's own family or -1.
+    `own[a]` is the number of particle a's own family or -1. With `upper`, of each family's element matrix only the
+    rows' parts from the diagonal on (center first, then the bonds in their order); `sparsity.symmetrise` adds the rest.
     """
     dim = len(D)
     half = np.empty((dim, dim, dim))
-    block = np.empty((dim, dim))
+    coupled = np.empty((dim, dim))
     position = np.empty(len(row_offsets) - 1, np.int64)  # block of each column in the current row
     for a in range(len(row_offsets) - 1):
         for k in range(row_offsets[a], row_offsets[a + 1]):
             if columns[k] >= 0:
                 position[columns[k]] = k
+        diagonal = position[a]
         f = own[a]
         if f >= 0:
             first, last, V = offsets[f], offsets[f + 1], volume[a]
-            add_modes(D, tangent, f, -1, first, last, neighbours, a, V, position, half, blocks)
             for b in range(first, last):
-                bond_stiffness(D, tangent, b, block)
-                add_block(D, block, V, blocks, position[a], position[neighbours[b]])
+                add_block(D, block[b], V, blocks, diagonal)
+                add_block(D, block[b], -V, blocks, position[neighbours[b]])
+            if couples:
+                mode_block(D, data, tangent, f, left_center[f], right_center[f], coupled)
+                add_block(D, coupled, V, blocks, diagonal)
+                add_modes(
+                    D, data, tangent, f, left_center[f], right, first, last, neighbours, position, V, half, blocks
+                )
         for k in range(dual_offsets[a], dual_offsets[a + 1]):
             f, bond = dual_family[k], dual_bond[k]
             i, first, last = center[f], offsets[f], offsets[f + 1]
             V = volume[i]
-            add_modes(D, tangent, f, bond, first, last, neighbours, i, V, position, half, blocks)
-            bond_stiffness(D, tangent, bond, block)
-            add_block(D, block, V, blocks, position[a], position[i])
+            add_block(D, block[bond], V, blocks, diagonal)
+            if not upper:
+                add_block(D, block[bond], -V, blocks, position[i])
+            if couples:
+                if not upper:
+                    mode_block(D, data, tangent, f, left[bond], right_center[f], coupled)
+                    add_block(D, coupled, V, blocks, position[i])
+                first = bond if upper else first
+                add_modes(D, data, tangent, f, left[bond], right, first, last, neighbours, position, V, half, blocks)
 
 
-@njit(cache=True)
-def stress_moments(D, data, center, offsets, neighbours, x, u, stress):
-    """Add sum t (x) (x_j - x_i) to the stress of each family: with x = X the first Piola-Kirchhoff stress that is
-    conjugate to F, with x = X + u Kirchhoff's (seed 000 section 2.5)."""
+@njit(cache=True, **FAST)
+def stress_moments(D, data, X, center, offsets, neighbours, u, current, stress):
+    """Add sum t (x) x to the stress of each family: with x = xi the first Piola-Kirchhoff stress that is conjugate to
+    F, with x = y (`current`) Kirchhoff's (seed 000 section 2.5)."""
     dim = len(D)
     space = scratch(D, offsets)
     for f in range(len(center)):
         i, first, last = center[f], offsets[f], offsets[f + 1]
-        force_state(D, data, f, i, first, last, neighbours, u, space)
+        gather_two(D, X, u, i, first, last, neighbours, space.xi, space.eta)
+        force_state(D, data, f, first, last - first, space)
         for k in range(last - first):
-            j = neighbours[first + k]
-            for p in range(dim):
-                for q in range(dim):
-                    stress[f, p, q] += space.t[k, p] * (x[j, q] - x[i, q])
+            for q in range(dim):
+                x = space.xi[q, k]
+                if current:
+                    x += space.eta[q, k]
+                for p in range(dim):
+                    stress[f, p, q] += space.t[p, k] * x
 
 
-@njit(cache=True)
-def weighted_moments(D, center, offsets, neighbours, X, weight, vectors, moments):
-    """Add sum weight (vectors_j - vectors_i) (x) xi to the moments of each family; with X for the vectors, the shape
-    tensor K = sum w beta V_j xi (x) xi (seed 004 Eq. 3.19). `weight` contains the volumes."""
+@njit(cache=True, **FAST)
+def weighted_moments(D, X, center, offsets, neighbours, weight, volume, vectors, moments):
+    """Add sum w beta V_j (vectors_j - vectors_i) (x) xi to the moments of each family; with X for the vectors, the
+    shape tensor K = sum w beta V_j xi (x) xi (seed 004 Eq. 3.19)."""
     dim = len(D)
     for f in range(len(center)):
         i = center[f]
         for b in range(offsets[f], offsets[f + 1]):
             j = neighbours[b]
+            w = weight[b] * volume[j]
             for p in range(dim):
                 for q in range(dim):
-                    moments[f, p, q] += weight[b] * (vectors[j, p] - vectors[i, p]) * (X[j, q] - X[i, q])
+                    moments[f, p, q] += w * (vectors[j, p] - vectors[i, p]) * (X[j, q] - X[i, q])
+
+
+@njit(cache=True, **FAST)
+def scale_to(D, X, center, offsets, neighbours, values, power, total):
+    """Scale the bonds' values of each family in place to sum values |xi|^power = total (of each family)."""
+    for f in range(len(center)):
+        i, sum = center[f], 0.0
+        for b in range(offsets[f], offsets[f + 1]):
+            square = 0.0
+            for p in range(len(D)):
+                square += (X[neighbours[b], p] - X[i, p]) ** 2
+            sum += values[b] * square ** (0.5 * power)
+        for b in range(offsets[f], offsets[f + 1]):
+            values[b] *= total[f] / sum
+
+
+@njit(cache=True)
+def folded(own, center, offsets, neighbours, volume, k):
+    """Springs between two families of the same process as one: (offsets, neighbours, k) where the family of the lower
+    center has k_ij + V_j k_ji / V_i, which with its V_i is the stiffness of the pair, and the other one nothing.
+
+    For each particle, in order, a pointer walks along its bonds as the lower ends of its pairs come up; bonds are in
+    an order in which the particles of this process ascend.
+    """
+    families = len(center)
+    pointer = offsets[:-1].copy()
+    keep = np.ones(len(neighbours), np.bool_)
+    stiffness = k.copy()
+    for i in range(len(own)):
+        f = own[i]
+        if f < 0:
+            continue
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            g = own[j]
+            if g < 0 or j < i:
+                continue
+            n = pointer[g]
+            while n < offsets[g + 1] and (own[neighbours[n]] < 0 or neighbours[n] < i):
+                n += 1
+            pointer[g] = n
+            if n < offsets[g + 1] and neighbours[n] == i:
+                stiffness[b] += volume[j] * k[n] / volume[i]
+                keep[n] = False
+    new_offsets = np.zeros(families + 1, np.int64)
+    n = 0
+    for f in range(families):
+        for b in range(offsets[f], offsets[f + 1]):
+            n += keep[b]
+        new_offsets[f + 1] = n
+    return new_offsets, neighbours[keep], stiffness[keep]

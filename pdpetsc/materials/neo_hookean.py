@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from pdpetsc.materials.tensors import (
+    EXACT,
     green_strain,
     invalid,
     inverse_transpose,
@@ -122,7 +123,7 @@ def plane_stress_lateral(law, H, work):
     return np.expm1(0.5 * lateral_logarithm(law.lateral, 3 - H.shape[0], np.log1p(jacobian_excess(H))))
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def shear_energy(H, work):
     """1/2 (tr C - n) - ln J as a sum over the principal stretches: nothing cancels at small strains."""
     D, Q = work[0], work[1]
@@ -133,7 +134,7 @@ def shear_energy(H, work):
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def fill_tensor(shear, volumetric, geometric, G, A):
     """A_iJkL = shear delta_ik delta_JL + volumetric G_iJ G_kL + geometric G_iL G_kJ with G = F^-T."""
     n = A.shape[0]
@@ -147,7 +148,7 @@ def fill_tensor(shear, volumetric, geometric, G, A):
                     A[i, J, k, L] = value
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def lateral_logarithm(lateral, free, log_jacobian):
     """The x = ln C33 that frees `free` directions from stress, to rounding; NaN where none does.
 

@@ -4,7 +4,8 @@ All are quadratic in the extensions e = |y| - |xi| (ordinary_kernels.py):
 
     w = 1/2 A theta^2 + 1/2 sum k e^2,    theta = sum c e,    T<xi> V_j = (A theta c + k e) n
 
-A model is its constants k, c of each bond and A of each family. Moduli are those of n dimensions: lambda and mu in 3D
+A model is its constants k of each bond and A of each family; c is k times |xi| or 1, times a factor of the family that
+goes into A (B below). Moduli are those of n dimensions: lambda and mu in 3D
 and plane strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
 """
 
@@ -53,6 +54,11 @@ class Moduli(NamedTuple):
         """K' = lambda + 2 mu/n."""
         return self.lame + 2 * self.shear / self.dim
 
+    @property
+    def dilatation(self) -> float:
+        """K' - (n + 2) mu/n, the part of the bulk modulus that springs between particles do not give."""
+        return self.bulk - (self.dim + 2) * self.shear / self.dim
+
 
 class Ordinary(Material):
     """What ordinary models have in common.
@@ -61,35 +67,31 @@ class Ordinary(Material):
         part: the particles and families that it acts on; its weights give the deformation gradient of the output.
         moduli: of the solid that the model stands for.
         k: stiffness of each bond: k e^2/2 is an energy per volume [force/length^4].
-        c: weight of each bond's extension in the dilatation [1/length]; None: there is no dilatation.
-        A: modulus of the dilatation of each family [force/area].
+        B: modulus of each family's dilatation theta = sum k s e; None: there is none.
+        by_length: whether s is |xi|, not 1.
         kinematics: "nonlinear", or "linear" for small displacements (e = xi.eta/|xi| along the reference bond).
         rotation_weighted: whether a bond counts in the dilatation with the cosine of its rotation.
     """
 
     def __init__(
-        self, part: Neighbourhood, moduli: Moduli, k: np.ndarray, c: np.ndarray | None = None,
-        A: np.ndarray | None = None, kinematics: str = "nonlinear", rotation_weighted: bool = False,
+        self, part: Neighbourhood, moduli: Moduli, k: np.ndarray, B: np.ndarray | None = None, by_length: bool = True,
+        kinematics: str = "nonlinear", rotation_weighted: bool = False,
     ):  # fmt: skip
         linear = kinematics == "linear"
         rotation_weighted = rotation_weighted and not linear  # there bonds do not turn
-        self.couples_family = c is not None
-        self.symmetric = not rotation_weighted
+        self.couples_family = dilates = B is not None
+        self.symmetric, self.follows_bonds = not rotation_weighted, not linear
         self.moduli, self.kinematics = moduli, kinematics
-        none, dim = np.empty(0), part.dim
-        bonds, families = (part.families.bonds, len(part.families)) if self.couples_family else (0, 0)
-        data = Extensions(
-            part.position, k, none if c is None else c, none if A is None else A, rotation_weighted, linear
-        )
-        gamma, gamma_center = np.empty((bonds, dim)), np.empty((families, dim))
-        h, h_center = (gamma, gamma_center) if self.symmetric else (np.empty_like(gamma), np.empty_like(gamma_center))
-        block = np.empty((part.families.bonds, dim, dim))
-        tangent = ExtensionTangent(block, np.empty(families), gamma, gamma_center, h, h_center)
-        super().__init__(part, data, tangent, moduli.lame + 2 * moduli.shear)
+        data = Extensions(k, B if dilates else np.empty(0), by_length, rotation_weighted, linear)
+        tangent = ExtensionTangent(np.empty(len(data.B)))
+        super().__init__(part, data, tangent, moduli.lame, moduli.shear)
+        if not dilates:  # a spring between two families is evaluated once
+            offsets, neighbours, k = kernels.folded(self.own, *self._bonds, self._volume, k)
+            self._mechanics = data._replace(k=k), (part.families.center, offsets, neighbours)
 
     def resists_strain(self):
         resists = np.empty(len(self.families), bool)
-        resist_strain(self._D, *self._bonds, self._part.position, self._data.k, resists)
+        resist_strain(self._D, *self._bonds, self._X, self._data.k, resists)
         return resists
 
     def choices(self):
@@ -100,12 +102,9 @@ class Ordinary(Material):
         """Of the output: sum w V eta (x) xi K^-1, as a correspondence model has it (zero in directions that the
         family does not span); in plane stress the free directions follow from linear elasticity."""
         part, dim = self._part, self._part.dim
-        weight = part.weight * part.volume[part.families.neighbours]
-        moments = np.zeros((len(self.families), dim, dim))
-        kernels.weighted_moments(self._D, *self._bonds, part.position, weight, u, moments)
-        inverse = np.linalg.pinv(part.shape_tensors(), rcond=SMALLEST_SHAPE, hermitian=True)
+        shape = part.weighted_moments(part.position)
         H = np.zeros((len(self.families), 3, 3))
-        H[:, :dim, :dim] = moments @ inverse
+        H[:, :dim, :dim] = part.weighted_moments(u) @ np.linalg.pinv(shape, rcond=SMALLEST_SHAPE, hermitian=True)
         if self.moduli.plane == "stress":
             free = range(dim, 3)
             H[:, free, free] = self._lateral_strain(H[:, :dim, :dim])[:, None]
@@ -126,8 +125,7 @@ class Ordinary(Material):
         lame, shear, plane, _ = self.moduli
         linear = self.kinematics == "linear"
         tau = np.zeros((len(self.families), dim, dim))
-        x = part.position if linear else part.position + u
-        kernels.stress_moments(self._D, self._data, *self._bonds, x, u, tau)
+        kernels.stress_moments(self._D, self._data, part.position, *self._bonds, u, not linear, tau)
         J = 1.0 if linear else np.linalg.det(np.eye(3) + self.displacement_gradient(u))[:, None, None]
         sigma = np.zeros((len(self.families), 3, 3))
         sigma[:, :dim, :dim] = tau / J
@@ -143,7 +141,7 @@ class LinearPeridynamicSolid(Ordinary):
         m = sum w |xi|^2,  theta = (n/m) sum w |xi| e,  t = (n K' theta/m) w |xi| + (n (n + 2) mu/m) w e^d,
         e^d = e - theta |xi|/n
 
-    that is c = n w |xi| V/m, k = n (n + 2) mu w V/m, A = K' - (n + 2) mu/n. With matched weights
+    that is c = n w |xi| V/m = k |xi|/((n + 2) mu), k = n (n + 2) mu w V/m, A = K' - (n + 2) mu/n. With matched weights
     sum w V |xi|^2 n n n n is isotropic, and with it the stiffness.
 
     Args:
@@ -163,16 +161,15 @@ class LinearPeridynamicSolid(Ordinary):
         kinematics: str = "nonlinear",
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
-        weight, length, V = part.weight, part.families.lengths(part.position), part.volume[part.families.neighbours]
+        weight, families = part.weight, part.families
         self._quadrature = quadrature
         if quadrature == "matched":
-            weight, matched = matched_weights(part.families, part.position, part.volume, weight)
+            weight, matched = matched_weights(families, part.position, part.volume, weight)
             self.unmatched = int((~matched).sum())
-        m = np.repeat(part.families.sums(weight * V * length**2), np.diff(part.families.offsets))
-        n = part.dim
-        A = np.full(len(part.families), moduli.bulk - (n + 2) * moduli.shear / n)
-        k = n * (n + 2) * moduli.shear * weight * V / m
-        super().__init__(part, moduli, k, n * weight * V * length / m, A, kinematics)
+        n, shear = part.dim, moduli.shear
+        k = scaled_to(part, weight * part.volume[families.neighbours], 2, n * (n + 2) * shear)
+        B = np.full(len(families), moduli.dilatation / ((n + 2) * shear) ** 2)
+        super().__init__(part, moduli, k, B, kinematics=kinematics)
 
     @classmethod
     def from_case(cls, keys, part):
@@ -214,17 +211,18 @@ class ABD(Ordinary):
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
         n, length = part.dim, part.families.lengths(part.position)
-        delta = part.families.per_bond(part.horizon)
-        surface = SPHERE[n] * part.thickness
-        wV = part.weight * part.volume[part.families.neighbours]
-        A = np.full(len(part.families), moduli.bulk - (n + 2) * moduli.shear / n)
-        k = n * (n + 1) * (n + 2) * moduli.shear / (surface * delta ** (n + 1)) * wV / length
-        c = n**2 / (surface * delta**n) * wV / length
+        delta, surface = part.horizon[part.families.center], SPHERE[n] * part.thickness
+        k = part.weight * part.volume[part.families.neighbours] / length
+        k *= np.repeat(
+            n * (n + 1) * (n + 2) * moduli.shear / (surface * delta ** (n + 1)), np.diff(part.families.offsets)
+        )
+        ratio = n * delta / ((n + 1) * (n + 2) * moduli.shear)  # of c = d delta V/|xi| to k
         if surface_correction == "energy":
-            k = scaled_to(part, k, length**2, n * (n + 2) * moduli.shear)
-            c = scaled_to(part, c, length, n)
+            k = scaled_to(part, k, 2, n * (n + 2) * moduli.shear)
+            ratio = n / part.families.sums(k * length)
         self._surface_correction = surface_correction
-        super().__init__(part, moduli, k, c, A, kinematics, rotation_weighted)
+        B = moduli.dilatation * ratio**2
+        super().__init__(part, moduli, k, B, False, kinematics, rotation_weighted)
 
     @classmethod
     def from_case(cls, keys, part):
@@ -240,8 +238,10 @@ class ABD(Ordinary):
         return super().choices() | switches
 
 
-def scaled_to(part: Neighbourhood, values: np.ndarray, measure: np.ndarray, total: float) -> np.ndarray:
-    """Values of the bonds, scaled in each family so that sum values measure = total: the energy-based surface
-    correction. A family that a surface cuts, or that a lattice fills unevenly, then stores the energy of the solid in
-    a state of equal strain in all directions."""
-    return values * np.repeat(total / part.families.sums(values * measure), np.diff(part.families.offsets))
+def scaled_to(part: Neighbourhood, values: np.ndarray, power: float, total: float) -> np.ndarray:
+    """The bonds' values, scaled in place in each family to sum values |xi|^power = total. Of springs k and power 2,
+    that is the energy-based surface correction: a family that a surface cuts, or that a lattice fills unevenly, then
+    stores the energy of the solid in a state of equal strain in all directions."""
+    totals = np.full(len(part.families), total)
+    kernels.scale_to(kernels.dimension(part.dim), part.position, *part.bonds(), values, power, totals)
+    return values

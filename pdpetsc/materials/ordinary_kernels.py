@@ -1,11 +1,12 @@
 """The family element of bond-based and ordinary state-based models, all quadratic in the extensions of the bonds:
 
-    w = 1/2 A theta^2 + 1/2 sum k e^2,   theta = sum c Lambda e,   t = (A theta c Lambda + k e) n
+    w = 1/2 B theta^2 + 1/2 sum k e^2,   theta = sum k s Lambda e,   t = (B theta k s Lambda + k e) n
 
-with e = |y| - |xi|, n = y/|y|, and constants k and c of each bond and A of each family that hold the neighbours'
-volumes and weights. Lambda = 1, or the cosine n . xi/|xi| of the bond's rotation with which seed 000 Eq. 32-34 weighs
-the dilatation (t is then no gradient, and the tangent unsymmetric). Linear kinematics have e = xi.eta/|xi| and
-n = xi/|xi| (seed 003 Eq. 17, 20).
+with e = |y| - |xi|, n = y/|y|, a stiffness k of each bond that holds the neighbour's volume and weight, a modulus B of
+each family, and s = |xi| or 1: the dilatation of all models weighs extensions by k s, up to a factor of the family
+that is in B. Lambda = 1, or the cosine n . xi/|xi| of the bond's rotation with which seed 000 Eq. 32-34 weighs the
+dilatation (t is then no gradient, and the tangent unsymmetric). Linear kinematics have e = xi.eta/|xi| and n = xi/|xi|
+(seed 003 Eq. 17, 20).
 
 e is computed as (2 xi.eta + eta.eta)/(|y| + |xi|), which keeps all digits of small strains.
 """
@@ -16,14 +17,15 @@ import numpy as np
 from numba import njit
 
 from pdpetsc.materials.families import (
+    FAST,
     action_state,
     add_modes,
-    bond_stiffness,
+    element_state,
     energy_state,
     force_state,
     implements,
-    length,
     linearise_state,
+    mode_block,
     size_state,
 )
 
@@ -35,203 +37,253 @@ class Extensions(NamedTuple):
     """Data of an ordinary model.
 
     Attributes:
-        X: reference positions.
-        k: stiffness of each bond; c: its weight in the dilatation, of length 0 where there is none.
-        A: of each family.
+        k: stiffness of each bond [force/length^4].
+        B: modulus of each family's dilatation, of length 0 where there is none.
+        by_length: whether s is |xi|, not 1.
         rotation_weighted: whether Lambda is the cosine, not 1.
         linear: whether kinematics are linear.
     """
 
-    X: np.ndarray
     k: np.ndarray
-    c: np.ndarray
-    A: np.ndarray
+    B: np.ndarray
+    by_length: bool
     rotation_weighted: bool
     linear: bool
 
 
 class ExtensionTangent(NamedTuple):
-    """dt_b = D_b deta_b + gamma_b A sum h . deta: `block[b]` = D_b; gamma = c Lambda n, h = dtheta/deta (the same
-    array as gamma where the tangent is symmetric), and minus their sums for the center; all of length 0 but `block`
-    where there is no dilatation."""
+    """What a family remembers of the state: pressure = B theta, of length 0 where there is no dilatation."""
 
-    block: np.ndarray
-    A: np.ndarray
-    gamma: np.ndarray
-    gamma_center: np.ndarray
-    h: np.ndarray
-    h_center: np.ndarray
+    pressure: np.ndarray
 
 
 @njit(cache=True, inline="always")
-def extension(D, X, rotation_weighted, linear, i, j, u, n):
-    """Fill n; (e, |y|, Lambda, |xi|) of the bond from i to j."""
+def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta, y, a, b):
+    """Fill y with vectors along the bonds (y, or xi in linear kinematics), a with e/|y| and, with a dilatation, b with
+    s Lambda/|y|, so that t = k (a + B theta b) y; return theta."""
     dim = len(D)
-    square, xi_eta, eta_eta, y_square = 0.0, 0.0, 0.0, 0.0
-    for p in range(dim):
-        xi = X[j, p] - X[i, p]
-        eta = u[j, p] - u[i, p]
-        square += xi * xi
-        xi_eta += xi * eta
-        eta_eta += eta * eta
-        y_square += (xi + eta) * (xi + eta)
-    xi_length = np.sqrt(square)
-    y_length, e, cosine = np.inf, xi_eta / xi_length, 1.0
-    if linear:
-        for p in range(dim):
-            n[p] = (X[j, p] - X[i, p]) / xi_length
-    else:
-        y_length = np.sqrt(y_square)
-        if y_length == 0.0:
-            y_length = np.nan  # no direction
-        for p in range(dim):
-            n[p] = (X[j, p] - X[i, p] + u[j, p] - u[i, p]) / y_length
-        e = (2.0 * xi_eta + eta_eta) / (y_length + xi_length)
-        if rotation_weighted:
-            cosine = (square + xi_eta) / (y_length * xi_length)
-    return e, y_length, cosine, xi_length
-
-
-@njit(cache=True, inline="always")
-def extensions(D, X, c, rotation_weighted, linear, i, first, last, neighbours, u, t, a, b):
-    """Fill t with n and a with e; with a dilatation, b with c Lambda and return theta."""
     theta = 0.0
-    dilates = len(c) > 0
-    for bond in range(first, last):
-        k = bond - first
-        e, _, cosine, _ = extension(D, X, rotation_weighted, linear, i, neighbours[bond], u, t[k])
-        a[k] = e
+    if linear:
+        for q in range(size):
+            square, along = 0.0, 0.0
+            for p in range(dim):
+                y[p, q] = xi[p, q]
+                square += xi[p, q] * xi[p, q]
+                along += xi[p, q] * eta[p, q]
+            a[q] = along / square
+            if dilates:
+                b[q] = 1.0 if by_length else 1.0 / np.sqrt(square)
+                theta += k[first + q] * b[q] * along
+        return theta
+    for q in range(size):
+        square, change, current, along = 0.0, 0.0, 0.0, 0.0
+        for p in range(dim):
+            x = xi[p, q]
+            z = x + eta[p, q]
+            square += x * x
+            change += (x + z) * eta[p, q]
+            current += z * z
+            along += x * z
+            y[p, q] = z
+        xi_length, y_length = np.sqrt(square), np.sqrt(current)  # y = 0 has no direction: 0/0 below
+        a[q] = change / (y_length * (y_length + xi_length))
         if dilates:
-            b[k] = c[bond] * cosine
-            theta += b[k] * e
+            s = xi_length if by_length else 1.0
+            if weighted:
+                s *= along / (xi_length * y_length)
+            b[q] = s / y_length
+            theta += k[first + q] * s * a[q] * y_length
     return theta
 
 
 @implements(force_state, Extensions)
-def force(D, data, f, i, first, last, neighbours, u, space):
-    stiffness, c, t, a, share = data.k, data.c, space.t, space.a, space.b
-    theta = extensions(D, data.X, c, data.rotation_weighted, data.linear, i, first, last, neighbours, u, t, a, share)
-    pressure = data.A[f] * theta if len(c) > 0 else 0.0
-    for b in range(first, last):
-        k = b - first
-        size = stiffness[b] * a[k]
-        if len(c) > 0:
-            size += pressure * share[k]
-        for p in range(len(D)):
-            t[k, p] *= size
+def force(D, data, f, first, size, space):
+    k, B, t, a, b = data.k, data.B, space.t, space.a, space.b
+    dilates = len(B) > 0
+    theta = extensions(
+        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, t, a, b
+    )
+    if dilates:
+        pressure = B[f] * theta
+        for q in range(size):
+            a[q] += pressure * b[q]
+    for q in range(size):
+        a[q] *= k[first + q]
+    for p in range(len(D)):
+        for q in range(size):
+            t[p, q] *= a[q]
 
 
 @implements(energy_state, Extensions)
-def energy(D, data, f, i, first, last, neighbours, u, space):
+def energy(D, data, f, first, size, space):
+    k, B, y, a = data.k, data.B, space.t, space.a
+    dilates = len(B) > 0
     theta = extensions(
-        D, data.X, data.c, data.rotation_weighted, data.linear, i, first, last, neighbours, u, space.t, space.a, space.b
-    )
-    w = 0.5 * data.A[f] * theta * theta if len(data.c) > 0 else 0.0
-    for b in range(first, last):
-        w += 0.5 * data.k[b] * space.a[b - first] ** 2
+        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, y, a,
+        space.b,
+    )  # fmt: skip
+    w = 0.5 * B[f] * theta * theta if dilates else 0.0
+    for q in range(size):
+        square = 0.0
+        for p in range(len(D)):
+            square += y[p, q] ** 2
+        w += 0.5 * k[first + q] * a[q] ** 2 * square
     return w
 
 
 @implements(size_state, Extensions)
-def size(D, data, f, i, first, last, neighbours, u, space):
-    dilates = len(data.c) > 0
+def size(D, data, f, first, size, space):
+    k, B, xi, a, b = data.k, data.B, space.xi, space.a, space.b
     theta = 0.0
-    for b in range(first, last):
-        eta = length(D, u, i) + length(D, u, neighbours[b])
-        space.a[b - first] = data.k[b] * eta
-        if dilates:
-            theta += abs(data.c[b]) * eta
-    if dilates:
-        for b in range(first, last):
-            space.a[b - first] += abs(data.A[f] * data.c[b]) * theta
+    for q in range(size):
+        b[q] = k[first + q] * a[q]
+        if len(B) > 0:
+            square = 1.0
+            if data.by_length:
+                square = 0.0
+                for p in range(len(D)):
+                    square += xi[p, q] ** 2
+            a[q] = np.sqrt(square)
+            theta += b[q] * a[q]
+    if len(B) > 0:
+        for q in range(size):
+            b[q] += abs(B[f]) * theta * k[first + q] * a[q]
 
 
 @implements(linearise_state, Extensions)
-def linearise(D, data, tangent, f, i, first, last, neighbours, u, space):
-    # With theta fixed: dt = k n (n.deta) + tau (I - n n) deta/|y| + A theta c n dLambda, tau = k e + A theta c Lambda,
-    # dLambda = (xi/|xi| - Lambda n).deta/|y|; and dtheta = sum c (Lambda n + e dLambda).
+def linearise(D, data, tangent, f, first, size, space):
+    if len(data.B) > 0:
+        theta = extensions(
+            D, data.k, True, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta,
+            space.t, space.a, space.b,
+        )  # fmt: skip
+        tangent.pressure[f] = data.B[f] * theta
+
+
+# With theta fixed dt = k n (n.deta) + tau (I - n n) deta + B theta k s n dLambda, tau = k (e + B theta s Lambda)/|y|,
+# dLambda = turn.deta, turn = (xi/|xi| - Lambda n)/|y|; and dtheta = sum k s (Lambda n + e turn).deta.
+
+
+@implements(action_state, Extensions)
+def action(D, data, tangent, f, first, size, space):
     dim = len(D)
-    X, c, stiffness, weighted, linear = data.X, data.c, data.k, data.rotation_weighted, data.linear
-    block, gamma, h = tangent.block, tangent.gamma, tangent.h
-    gamma_center, h_center = tangent.gamma_center, tangent.h_center
-    theta, A = 0.0, 0.0
-    if len(c) > 0:
-        A = data.A[f]
-        tangent.A[f] = A
-        theta = extensions(D, X, c, weighted, linear, i, first, last, neighbours, u, space.t, space.a, space.b)
-        for p in range(dim):
-            gamma_center[f, p] = 0.0
-            h_center[f, p] = 0.0
-    n, turn = space.H[0], space.P[0]
-    for b in range(first, last):
-        j = neighbours[b]
-        e, y_length, cosine, xi_length = extension(D, X, weighted, linear, i, j, u, n)
-        for p in range(dim):  # dLambda/dy
-            turn[p] = ((X[j, p] - X[i, p]) / xi_length - cosine * n[p]) / y_length
-        pressure = A * theta * c[b] if len(c) > 0 else 0.0
-        transverse = (stiffness[b] * e + pressure * cosine) / y_length
-        for p in range(dim):
-            for q in range(dim):
-                value = (stiffness[b] - transverse) * n[p] * n[q]
-                if p == q:
-                    value += transverse
-                if weighted:
-                    value += pressure * n[p] * turn[q]
-                block[b, p, q] = value
-        if len(c) > 0:
+    k, B, xi, eta, d, t, a, b = data.k, data.B, space.xi, space.eta, space.deta, space.t, space.a, space.b
+    dilates, by_length, weighted = len(B) > 0, data.by_length, data.rotation_weighted
+    pressure = tangent.pressure[f] if dilates else 0.0
+    stress = 0.0  # dtheta
+    if data.linear:
+        for q in range(size):
+            square, along = 0.0, 0.0
             for p in range(dim):
-                gamma[b, p] = c[b] * cosine * n[p]
-                gamma_center[f, p] -= gamma[b, p]
-                if weighted:
-                    h[b, p] = c[b] * (cosine * n[p] + e * turn[p])
-                    h_center[f, p] -= h[b, p]
-
-
-@implements(action_state, ExtensionTangent)
-def action(D, tangent, f, i, first, last, neighbours, du, space):
-    dim = len(D)
-    dilates = len(tangent.gamma) > 0
-    stress = 0.0
+                square += xi[p, q] * xi[p, q]
+                along += xi[p, q] * d[p, q]
+            a[q] = along / square
+            b[q] = 1.0 if by_length else 1.0 / np.sqrt(square)
+            stress += k[first + q] * b[q] * along
+        stress = B[f] * stress if dilates else 0.0
+        for q in range(size):
+            a[q] = k[first + q] * (a[q] + stress * b[q])
+        for p in range(dim):
+            for q in range(size):
+                t[p, q] = a[q] * xi[p, q]
+        return
+    s = space.s  # rows: tau, s Lambda k/|y|
+    tau = s[0]
+    for q in range(size):
+        square, current, cross, along, turned = 0.0, 0.0, 0.0, 0.0, 0.0
+        for p in range(dim):
+            x = xi[p, q]
+            y = x + eta[p, q]
+            square += x * x
+            current += y * y
+            cross += x * y
+            along += y * d[p, q]
+            turned += x * d[p, q]
+            t[p, q] = y
+        xi_length, y_length = np.sqrt(square), np.sqrt(current)
+        stiffness, inverse = k[first + q], 1.0 / y_length
+        share = stiffness * (xi_length if by_length else 1.0) * inverse  # k s/|y|
+        if weighted:
+            cosine = cross * inverse / xi_length
+            turn = (turned / xi_length - cosine * along * inverse) * inverse  # turn.deta
+            e = y_length - xi_length
+            tau[q] = stiffness * (1.0 - xi_length * inverse) + pressure * share * cosine
+            a[q] = (stiffness - tau[q]) * along * inverse * inverse + pressure * share * turn
+            stress += share * (cosine * along + e * turn * y_length)
+            b[q] = share * cosine
+        else:
+            tau[q] = stiffness * (1.0 - xi_length * inverse) + pressure * share
+            a[q] = (stiffness - tau[q]) * along * inverse * inverse
+            stress += share * along
+            b[q] = share
     if dilates:
-        for b in range(first, last):
-            for p in range(dim):
-                stress += tangent.A[f] * tangent.h[b, p] * (du[neighbours[b], p] - du[i, p])
-    for b in range(first, last):
+        stress *= B[f]
+        for q in range(size):
+            a[q] += stress * b[q]
+    for p in range(dim):
+        for q in range(size):
+            t[p, q] = a[q] * t[p, q] + tau[q] * d[p, q]
+
+
+@implements(element_state, Extensions)
+def element(D, data, tangent, f, first, size, space, block, left, right):
+    dim = len(D)
+    k, xi, eta, t, a, b = data.k, space.xi, space.eta, space.t, space.a, space.b
+    dilates, weighted, linear = len(data.B) > 0, data.rotation_weighted, data.linear
+    pressure = tangent.pressure[f] if dilates else 0.0
+    extensions(D, k, dilates, data.by_length, weighted, linear, first, size, xi, eta, t, a, b)
+    n, turn = space.H[0], space.P[0]
+    for q in range(size):
+        square, current, cross = 0.0, 0.0, 0.0
         for p in range(dim):
-            t = stress * tangent.gamma[b, p] if dilates else 0.0
-            for q in range(dim):
-                t += tangent.block[b, p, q] * (du[neighbours[b], q] - du[i, q])
-            space.t[b - first, p] = t
+            square += xi[p, q] ** 2
+            current += t[p, q] ** 2
+            cross += xi[p, q] * t[p, q]
+        xi_length, y_length = np.sqrt(square), np.sqrt(current)
+        cosine = cross / (xi_length * y_length) if weighted else 1.0
+        for p in range(dim):
+            n[p] = t[p, q] / y_length
+            turn[p] = (xi[p, q] / xi_length - cosine * n[p]) / y_length
+        stiffness = k[first + q]
+        share = stiffness * (xi_length if data.by_length else 1.0)  # k s
+        tau = 0.0 if linear else stiffness * a[q]
+        if dilates and not linear:
+            tau += pressure * share * cosine / y_length
+        for p in range(dim):
+            for r in range(dim):
+                value = (stiffness - tau) * n[p] * n[r]
+                if p == r:
+                    value += tau
+                if weighted:
+                    value += pressure * share * n[p] * turn[r]
+                block[q, p, r] = value
+            if dilates:
+                left[q, p] = share * cosine * n[p]
+                if weighted:
+                    right[q, p] = share * (cosine * n[p] + a[q] * y_length * turn[p])
 
 
-@implements(bond_stiffness, ExtensionTangent)
-def stiffness(D, tangent, b, block):
+@implements(mode_block, Extensions)
+def coupling(D, data, tangent, f, left, right, block):
     for p in range(len(D)):
         for q in range(len(D)):
-            block[p, q] = tangent.block[b, p, q]
+            block[p, q] = data.B[f] * left[p] * right[q]
 
 
-@implements(add_modes, ExtensionTangent)
-def modes(D, tangent, f, b, first, last, neighbours, i, V, position, half, blocks):
-    """V A gamma_b (x) h of every particle of the family."""
+@implements(add_modes, Extensions)
+def modes(D, data, tangent, f, left, right, first, last, neighbours, position, V, half, blocks):
     dim = len(D)
-    if len(tangent.gamma) == 0:
-        return
     row = half[0, 0]
     for p in range(dim):
-        row[p] = V * tangent.A[f] * (tangent.gamma_center[f, p] if b < 0 else tangent.gamma[b, p])
-    k = position[i]
-    for p in range(dim):
-        for q in range(dim):
-            blocks[k, p, q] += row[p] * tangent.h_center[f, q]
-    for c in range(first, last):
-        k = position[neighbours[c]]
+        row[p] = V * data.B[f] * left[p]
+    for b in range(first, last):
+        k = position[neighbours[b]]
         for p in range(dim):
             for q in range(dim):
-                blocks[k, p, q] += row[p] * tangent.h[c, q]
+                blocks[k, p, q] += row[p] * right[b, q]
 
 
-@njit(cache=True)
+@njit(cache=True, **FAST)
 def resist_strain(D, center, offsets, neighbours, X, k, resists):
     """Whether sum k e^2 is positive for every strain, in each family: the pivots of that quadratic form."""
     dim = len(D)

@@ -7,8 +7,11 @@ Arrays are `dim x dim` with dim = 1, 2 or 3.
 import numpy as np
 from numba import njit
 
+EXACT = {"error_model": "numpy", "fastmath": False}
+"""How the algebra is compiled: nothing is reordered, even where a caller's sums may be; x/0 gives inf or NaN."""
 
-@njit(cache=True)
+
+@njit(cache=True, **EXACT)
 def jacobian_excess(H):
     """J - 1 = det(I + H) - 1, expanded so that it keeps its accuracy for small H."""
     n = H.shape[0]
@@ -29,7 +32,7 @@ def jacobian_excess(H):
     return H[0, 0] + H[1, 1] + H[2, 2] + second + third
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def inverse_transpose(H, J, out):
     """F^-T for F = I + H with determinant J."""
     n = H.shape[0]
@@ -52,7 +55,7 @@ def inverse_transpose(H, J, out):
                 out[i, j] = (a * b - c * d) / J
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def eigen_symmetric(S, Q, n):
     """Jacobi rotations: on return S is diagonal (the eigenvalues) and the columns of Q are its eigenvectors."""
     for i in range(n):
@@ -90,7 +93,7 @@ def eigen_symmetric(S, Q, n):
                     Q[k, p], Q[k, q] = c * a - s * b, s * a + c * b
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def spectral_stretch(H, D, Q):
     """Spectral form of D = F F^T - I = H + H^T + H H^T, in place; its eigenvalues are squared stretches minus one."""
     n = H.shape[0]
@@ -104,7 +107,7 @@ def spectral_stretch(H, D, Q):
     eigen_symmetric(D, Q, n)
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def green_strain(H, E):
     """E = 1/2 (H + H^T + H^T H)."""
     n = H.shape[0]
@@ -116,14 +119,14 @@ def green_strain(H, E):
             E[i, j] = 0.5 * value
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def mean_logarithmic_slope(a, b):
     """(ln(1 + a) - ln(1 + b)) / (a - b) with its limit 1/(1 + b) at a = b."""
     x = (a - b) / (1.0 + b)
     return (np.log1p(x) / x if x != 0.0 else 1.0) / (1.0 + b)
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def logarithm_deficit(x):
     """x - ln(1 + x), with full relative accuracy where it is x^2/2."""
     if abs(x) > 0.2:
@@ -135,7 +138,7 @@ def logarithm_deficit(x):
     return r * (x - series)
 
 
-@njit(cache=True)
+@njit(cache=True, **EXACT)
 def invalid(H):
     """Whether F = I + H is inverted, singular or not a number."""
     return not jacobian_excess(H) > -1.0

@@ -8,34 +8,49 @@ DIRECT_LIMIT = {1: 50e6, 2: 12e6, 3: 1.5e6}
 """Stored entries of the tangent up to which a direct solver is the default, by dimension: about where a factorisation
 and multigrid take the same time (docs/performance.md)."""
 
+SMALLEST_RTOL = 1e-8
+"""Reduction of a linear residual that is asked for at most."""
+
 GMRES_RESTART = 100
 """PETSc's own 30 stagnate on slender bodies; each direction costs the memory of a vector."""
 
 
-def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | float]:
+DIRECT = ("lu", "cholesky", "redundant")
+"""Preconditioners that solve."""
+
+ADDITIVE = {
+    "pc_type": "composite", "pc_composite_type": "additive", "pc_composite_pcs": "gamg,python",
+    "sub_1_pc_python_type": "pdpetsc.solvers.tangent.ShortWaves", "sub_0_pc_gamg_reuse_interpolation": "true",
+}  # fmt: skip
+"""The preconditioner of a matrix-free tangent (compact.py)."""
+
+
+def default_options(operator: PETSc.Mat, compact: bool, symmetric: bool) -> dict[str, str | float]:
     """Return defaults for -ksp_type, -pc_type and what belongs to them.
 
     Small problems are factorised: MUMPS where this PETSc has it, PETSc's own LU on one rank, a redundant LU on
     several. Larger ones take CG (GMRES where the tangent is unsymmetric) with algebraic multigrid on the rigid-body
-    modes. When the user names a preconditioner, the Krylov method follows that choice.
+    modes, of the tangent itself or of the `compact` stiffness. When the user names a preconditioner, the Krylov method
+    follows that choice.
     """
     given = options.given()
     defaults: dict[str, str | float] = {}
     if "pc_type" not in given:
-        entries = tangent.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
-        if entries > DIRECT_LIMIT[tangent.getBlockSize()]:
+        if compact:
+            defaults |= ADDITIVE
+        elif operator.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] > DIRECT_LIMIT[operator.getBlockSize()]:
             defaults["pc_type"] = "gamg"
         elif PETSc.Sys.hasExternalPackage("mumps"):
             defaults |= {"pc_type": "cholesky" if symmetric else "lu", "pc_factor_mat_solver_type": "mumps"}
         else:
-            defaults["pc_type"] = "lu" if tangent.getComm().size == 1 else "redundant"
+            defaults["pc_type"] = "lu" if operator.getComm().size == 1 else "redundant"
     chosen = defaults | given
-    if chosen["pc_type"] in ("lu", "cholesky", "redundant"):
+    if chosen["pc_type"] in DIRECT and chosen.get("pc_factor_mat_solver_type") == "mumps":
+        defaults["mat_mumps_icntl_14"] = 50  # room for fill-in by pivoting [%]
+    if chosen["pc_type"] in DIRECT and not compact:
         defaults["ksp_type"] = "preonly"
-        if chosen.get("pc_factor_mat_solver_type") == "mumps":
-            defaults["mat_mumps_icntl_14"] = 50  # room for fill-in by pivoting [%]
     else:
-        defaults |= {"ksp_rtol": 1e-8, "ksp_max_it": 2000}
+        defaults |= {"ksp_rtol": SMALLEST_RTOL, "ksp_max_it": 2000}
         krylov = given.get("ksp_type", "cg" if symmetric else "gmres")
         if krylov in ("cg", "gmres"):
             defaults |= {"ksp_type": krylov, "ksp_norm_type": "unpreconditioned"}
@@ -49,5 +64,7 @@ def default_options(tangent: PETSc.Mat, symmetric: bool) -> dict[str, str | floa
 def describe_linear_solver(ksp: PETSc.KSP) -> str:
     """In words, for people: "preonly + cholesky (mumps)"."""
     pc = ksp.getPC()
+    if pc.getType() == "composite":
+        return f"{ksp.getType()} + gamg of nearest springs"
     package = pc.getFactorSolverType() if pc.getType() in ("lu", "cholesky") else None
     return f"{ksp.getType()} + {pc.getType()}" + (f" ({package})" if package else "")

@@ -1,6 +1,10 @@
 """Equilibrium by Newton's method (SNES), one load step at a time."""
 
+import atexit
+import gc
+import itertools
 import time as clock
+import weakref
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +13,8 @@ from petsc4py import PETSc
 from pdpetsc import options
 from pdpetsc.assembly import Assembler
 from pdpetsc.errors import InputError
-from pdpetsc.solvers.linear import GMRES_RESTART, default_options, describe_linear_solver
+from pdpetsc.solvers.linear import GMRES_RESTART, SMALLEST_RTOL, default_options, describe_linear_solver
+from pdpetsc.solvers.tangent import tangent
 
 DEFAULTS = {
     "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30, "snes_linesearch_type": "basic",
@@ -23,6 +28,13 @@ WORST_FLOOR = 1e-6
 """A residual above this fraction of loads and reactions is no equilibrium, however large the displacements that raise
 its rounding error (those of a body that floats away). Where there are none, as in a rigid motion, the fraction is that
 of the forces of a strain of as much again."""
+
+LARGEST_FORCING = 1e-2
+"""Reduction of the linear residual that is always asked for. Krylov methods solve a Newton step no better than it is
+worth: to 0.9 (|r_k|/|r_k-1|)^2 (Eisenstat and Walker 1996, choice 2), but no further than the step's end."""
+
+WORSE = 1.5
+"""A preconditioner with which a linear solution takes this many times the iterations is made anew."""
 
 NOT_A_NUMBER = -4
 """SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
@@ -67,16 +79,28 @@ class Newton:
         self._assembler = assembler
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
         self.snes = snes = PETSc.SNES().create(assembler.particles.comm)
-        self._matrix = assembler.matrix()
-        options.set_defaults(DEFAULTS | default_options(self._matrix, assembler.symmetric))
+        self.tangent = tangent(assembler)
+        operator, preconditioner = self.tangent.operator, self.tangent.preconditioner
+        compact = self.tangent.kind == "matrix_free"
+        options.set_defaults(DEFAULTS | default_options(operator, compact, assembler.symmetric))
+        self._inexact = "ksp_rtol" not in options.given()
         snes.setFunction(assembler.residual, assembler.vector())
-        snes.setJacobian(assembler.tangent, self._matrix, self._matrix)
+        snes.setJacobian(self._linearise, operator, preconditioner)
         snes.setConvergenceTest(self._converged)
         try:
             snes.setFromOptions()
         except PETSc.Error as error:
             raise InputError(f"[petsc] or command line: PETSc refuses an option (its error {error.ierr})") from None
+        self.number = next(_numbers)
+        _alive.add(self)
         self._record = NewtonRecord()
+        self._cost = np.inf  # least iterations for a decade of the linear residual with the present preconditioner
+        self._before = 0.0  # norm of the right-hand side of the last linear solution
+
+    def destroy(self) -> None:
+        """Give back PETSc's memory (collective)."""
+        self.snes.destroy()
+        self.tangent.destroy()
 
     def advance(self, u: np.ndarray, time: float) -> tuple[np.ndarray, NewtonRecord]:
         """Equilibrium at `time` from that of the last step.
@@ -113,17 +137,47 @@ class Newton:
         """Set the initial guess of SNES."""
         a = self._assembler
         jump = np.where(a.constrained, a.prescribed - u, 0.0)
-        a.assemble(u)
+        self.tangent.update(u)
         rhs = -(a.unbalanced_force(u) + a.action(jump))
-        self._rhs.getArray()[...] = np.where(a.constrained, a.constraint_scale * jump, rhs).ravel()
+        self._rhs.getArray()[...] = np.where(a.constrained, 0.0, rhs).ravel()
+        self._before = self._rhs.norm()
+        self._rhs.getArray()[...] += np.where(a.constrained, a.constraint_scale * jump, 0.0).ravel()
         ksp = self.snes.getKSP()
-        ksp.setOperators(self._matrix, self._matrix)
+        ksp.setOperators(self.tangent.operator, self.tangent.preconditioner)
+        self._aim(LARGEST_FORCING)
         ksp.solve(self._rhs, self._d)
-        self._record.linear_iterations += ksp.getIterationNumber()
+        self._record.linear_iterations = ksp.getIterationNumber()
         if ksp.getConvergedReason() < 0:
             raise self._failure(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
+        self._judge_preconditioner()
         guess = u + self._d.getArray(readonly=True).reshape(u.shape)
         self._x.getArray()[...] = np.where(a.constrained, a.prescribed, guess).ravel()
+
+    def _linearise(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        """SNES Jacobian, and how exactly it is to be solved."""
+        a = self._assembler
+        u = x.getArray(readonly=True).reshape(-1, a.dim)
+        self.tangent.update(np.where(a.constrained, a.prescribed, u))
+        norm, (rtol, *_) = self._record.residual_norms[-1], snes.getTolerances()
+        forcing = min(LARGEST_FORCING, 0.9 * (norm / self._before) ** 2) if self._before else LARGEST_FORCING
+        enough = 0.3 * rtol * a.residual_scale() / norm
+        self._aim(max(forcing, enough))
+        self._before = norm
+
+    def _aim(self, reduction: float) -> None:
+        """Ask the Krylov method for this reduction of the linear residual, unless the user has."""
+        if self._inexact:
+            self.snes.getKSP().setTolerances(rtol=min(max(reduction, SMALLEST_RTOL), LARGEST_FORCING))
+
+    def _judge_preconditioner(self) -> None:
+        """Have it made anew when the last linear solution took much longer than one did."""
+        ksp = self.snes.getKSP()
+        rtol = ksp.getTolerances()[0]
+        cost = ksp.getIterationNumber() / max(-np.log10(rtol), 1.0)
+        self._cost = min(self._cost, cost)
+        if cost > WORSE * self._cost + 1:
+            self.tangent.renew_preconditioner()
+            self._cost = np.inf
 
     def _converged(self, snes, iteration, norms):
         """SNES convergence test: relative to loads and reactions, and at the rounding floor."""
@@ -132,6 +186,8 @@ class Newton:
         rtol, atol, stol, _ = snes.getTolerances()
         history = self._record.residual_norms
         history.append(norm)
+        if iteration:
+            self._judge_preconditioner()
         if not np.isfinite(norm):
             return NOT_A_NUMBER
         if norm <= atol or norm == 0.0:
@@ -168,7 +224,22 @@ class Newton:
             ksp.setGMRESRestart(GMRES_RESTART)
             text += "; the tangent is indefinite (buckling?), so gmres takes over"
         ksp.reset()
+        self.tangent.renew_preconditioner()
         return StepFailed(text)
+
+
+_numbers = itertools.count()
+_alive: weakref.WeakSet[Newton] = weakref.WeakSet()
+
+
+@atexit.register
+def _destroy_all() -> None:
+    """Before Python ends: PETSc would destroy what is left at its own end, and the operators of type python cannot be
+    destroyed without Python."""
+    for newton in sorted(_alive, key=lambda newton: newton.number):
+        newton.destroy()
+    gc.collect()
+    PETSc.garbage_cleanup()
 
 
 def _name(reasons: type, value: int) -> str:

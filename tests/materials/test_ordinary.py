@@ -128,7 +128,7 @@ def middle(model, dim: int, m: float, influence: str = "constant", **switches):
     n = len(X)
     families = find_families(X, np.full(n, m), np.arange(n), n).subset(np.array([n // 2]))
     w = bond_weights(families, X, np.full(n, m), np.ones(n), INFLUENCE[influence], "none")
-    part = Neighbourhood.of(families, w, X, np.ones(n), np.full(n, m), np.ones(n), influence=INFLUENCE[influence])
+    part = Neighbourhood(families, w, X, np.ones(n), np.full(n, m), np.ones(n), influence=INFLUENCE[influence])
     return model(part, **switches), X
 
 

@@ -61,7 +61,7 @@ def test_a_flat_family(comm):
     p = distributed(np.vstack([lattice((12, 4)), tail]), 1.5)
     with pytest.raises(InputError, match="does not span 2 dimensions"), collective(comm):
         families = families_of(p)
-        part = Neighbourhood.of(families, np.ones(families.bonds), p.position, p.volume, p.horizon, p.spacing)
+        part = Neighbourhood(families, np.ones(families.bonds), p.position, p.volume, p.horizon, p.spacing)
         model("hencky-none").build(part, 1.0)
 
 

@@ -19,6 +19,8 @@ from models import (
 )
 from petsc4py import PETSc
 
+from pdpetsc.solvers.tangent import AssembledTangent, MatrixFreeTangent
+
 pytestmark = pytest.mark.mpi
 
 every_model = pytest.mark.parametrize("row", MODELS, ids=NAMES)
@@ -145,15 +147,19 @@ def test_tangent_is_derivative_of_residual(comm, row, dim):
 
 @pytest.mark.parametrize("dim", (2, 3))
 @every_model
-def test_snes_test_jacobian(comm, row, dim, capfd):
-    """The ratio that PETSc itself prints."""
+@pytest.mark.parametrize("kind", (AssembledTangent, MatrixFreeTangent))
+def test_snes_test_jacobian(comm, row, dim, kind, capfd):
+    """The ratio that PETSc itself prints, for the matrix and for the action."""
     p = body(dim, {2: (5, 4), 3: (3, 3, 2)}[dim])
     a = assembler(p, row, held=lambda X: X < 0.8, value=affine(strong_gradient(dim)))
     snes = PETSc.SNES().create(PETSc.COMM_WORLD)
     snes.setOptionsPrefix("checked_")
-    mat = a.matrix()
+    tangent = kind(a)
     snes.setFunction(a.residual, a.vector())
-    snes.setJacobian(a.tangent, mat, mat)
+    snes.setJacobian(
+        lambda _, x, J, P: tangent.update(x.getArray(readonly=True).reshape(-1, dim)), tangent.operator,
+        tangent.preconditioner,
+    )  # fmt: skip
     snes.setTolerances(max_it=1)
     snes.getKSP().setType("preonly")
     snes.getKSP().getPC().setType("none")
@@ -167,8 +173,41 @@ def test_snes_test_jacobian(comm, row, dim, capfd):
         PETSc.Options().delValue("checked_snes_test_jacobian")
     CDLL(None).fflush(None)
     said = comm.bcast(capfd.readouterr().out)
-    (ratio,) = re.findall(r"\|\|J - Jfd\|\|_F/\|\|J\|\|_F = ([-+.\de]+)", said)
+    snes.destroy()
+    tangent.destroy()
+    ratio, *of_the_preconditioner = re.findall(r"\|\|J - Jfd\|\|_F/\|\|J\|\|_F = ([-+.\de]+)", said)
     assert float(ratio) < 1e-7
+    assert len(of_the_preconditioner) == (kind is MatrixFreeTangent)
+
+
+@pytest.mark.parametrize("dim", (1, 2, 3))
+@every_model
+def test_action_is_the_assembled_tangent(comm, row, dim):
+    """With constraints, at a strong deformation; so are its diagonal blocks. The assembled tangent of a hyperelastic
+    model comes from half of each family's matrix."""
+    p = body(dim)
+    a = assembler(p, row, held=held, value=affine(strong_gradient(dim)))
+    u = np.where(a.constrained, a.prescribed, deformed(p))
+    mat = a.assemble(u)
+    v = random_field(p)
+    Kv = product(mat, v)
+    assert largest(comm, a.constrained_action(v) - Kv) < 1e-13 * largest(comm, Kv)
+    diagonal = np.einsum("npp->np", a.diagonal())
+    expected = mat.getDiagonal().getArray().reshape(-1, dim)
+    assert largest(comm, diagonal - expected) < 1e-13 * largest(comm, expected)
+
+
+@pytest.mark.parametrize("dim", (1, 2, 3))
+@every_model
+def test_action_of_small_bodies_in_engineering_units(comm, row, dim):
+    """J v against central differences with a spacing of 5e-4 and E = 70e9; asked for: 1e-7."""
+    p = distributed(5e-4 * jittered((7, 5, 4)[:dim], 0.1), 2.015 * 5e-4, spacing=5e-4)
+    a = assembler(p, row, young=70e9, held=lambda X: X[:, :1] < 8e-4)
+    u, v = 5e-6 * random_field(p), np.where(a.constrained, 0.0, random_field(p))
+    a.linearise(np.where(a.constrained, a.prescribed, u))
+    h = 1e-6 * 5e-4
+    difference = (a.residual_array(u + h * v) - a.residual_array(u - h * v)) / (2 * h)
+    assert largest(comm, a.constrained_action(v) - difference) < 1e-7 * largest(comm, difference)
 
 
 @pytest.mark.parametrize("dim", (1, 2, 3))

@@ -37,7 +37,8 @@ def cloud(kind: str, dim: int, n: int = 300):
 
 @pytest.mark.parametrize("kind", ("alike", "graded", "clusters", "flat"))
 @pytest.mark.parametrize("dim", (1, 2, 3))
-def test_families_are_those_of_a_tree(dim, kind):
+def test_families_are_those_of_a_tree(dim, kind, monkeypatch):
+    monkeypatch.setattr("pdpetsc.bonds.BLOCK", 70)
     X, horizon = cloud(kind, dim)
     families = find_families(X, horizon, np.arange(len(X)), len(X))
     assert as_lists(families) == families_by_tree(X, horizon)
@@ -53,6 +54,14 @@ def test_owned_particles_have_families_of_all_and_neighbours_are_in_the_order_of
     assert len(families) == 100
     assert [sorted(row) for row in as_lists(families)] == families_by_tree(X, horizon, 100)
     assert all(np.all(np.diff(ids[row]) > 0) for row in as_lists(families))
+
+
+def test_large_families_in_the_order_of_their_ids():
+    X, _ = cloud("alike", 3, 500)
+    ids = np.random.default_rng(0).permutation(500)
+    expected = np.argsort(ids)
+    for i, row in enumerate(as_lists(find_families(X, np.full(500, 1e2), ids, 30))):
+        assert row == expected[expected != i].tolist()
 
 
 def test_particles_of_no_rank():
@@ -99,6 +108,23 @@ def test_without_cut_bonds():
     cut = np.array([0, 1, 1, 0, 1, 0, 0, 0], bool)
     assert as_lists(families.without(cut)) == [[1], [2], [0, 1, 3]]
     assert families.without(np.zeros(8, bool)) is families
+
+
+def test_blocks_lengths_and_sums(monkeypatch):
+    X, horizon = cloud("graded", 2)
+    families = find_families(X, horizon, np.arange(len(X)), 200)
+    i, j = families.per_bond(np.arange(len(X))), families.neighbours
+    length = families.lengths(X)
+    assert length == pytest.approx(np.linalg.norm(X[j] - X[i], axis=1), rel=1e-14)
+    total = families.sums(length)
+    assert total == pytest.approx([length[a:b].sum() for a, b in zip(families.offsets[:-1], families.offsets[1:])])
+    monkeypatch.setattr("pdpetsc.bonds.BLOCK", 60)
+    parts, bonds = zip(*families.blocks())
+    assert len(parts) == 4
+    assert np.concatenate([part.center for part in parts]).tolist() == families.center.tolist()
+    assert [row for part in parts for row in as_lists(part)] == as_lists(families)
+    assert np.concatenate([length[b] for b in bonds]).tolist() == length.tolist()
+    assert np.concatenate([part.sums(length[b]) for part, b in zip(parts, bonds)]).tolist() == total.tolist()
 
 
 def test_dual_families_are_the_transpose():
@@ -161,3 +187,19 @@ def test_partial_volume():
     assert weights == pytest.approx([1, 0.75, 0.5, 0.5])
     doubled = bond_weights(families, X, horizon, spacing, INFLUENCE["inverse"], "linear")
     assert doubled == pytest.approx([1.5, 0.75 * 3 / 2.75, 0.5, 0.5])
+
+
+def test_weights_are_found_block_by_block(monkeypatch):
+    X, horizon = cloud("graded", 2)
+    families = find_families(X, horizon, np.arange(len(X)), len(X))
+    spacing = np.random.default_rng(1).uniform(0.8, 1.2, len(X))
+    weights = bond_weights(families, X, horizon, spacing, INFLUENCE["cubic"], "linear")
+    monkeypatch.setattr("pdpetsc.bonds.BLOCK", 70)
+    assert np.array_equal(bond_weights(families, X, horizon, spacing, INFLUENCE["cubic"], "linear"), weights)
+    with pytest.raises(InputError, match=r"influence: is -1 at r = "):
+        bond_weights(families, X, horizon, spacing, lambda r: np.where(r == r.min(), -1, 1), "none")
+    X = np.append(X, [[40.0, 0.0], [40.0, 1.0]], axis=0)  # see only each other, at their horizons
+    horizon = np.append(horizon, [1.0, 1.0])
+    families = find_families(X, horizon, np.arange(len(X)), len(X))
+    with pytest.raises(InputError, match=r"is zero at all neighbours of the particle at \(40, 0\)"):
+        bond_weights(families, X, horizon, np.ones(len(X)), INFLUENCE["linear"], "none")

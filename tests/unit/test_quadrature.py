@@ -196,7 +196,7 @@ def test_the_unit_of_length_does_not_matter(body, unit):
 
 
 def test_order_and_company_of_the_families_do_not_matter(body):
-    """To the last digit with the same neighbours in the same order, as on any number of ranks; else to rounding."""
+    """To the last digit with the same neighbours in the same order; else to rounding."""
     w, matched = body.matched()
     chosen = np.arange(1, len(body.X), 3)
     part, part_matched = matched_weights(
@@ -211,6 +211,20 @@ def test_order_and_company_of_the_families_do_not_matter(body):
     again, again_matched = matched_weights(shuffled, body.X, body.volume, body.plain[order])
     assert np.array_equal(again_matched, matched)
     assert again == pytest.approx(w[order], rel=1e-8)
+
+
+@pytest.mark.parametrize("jitter", (0.0, 1e-11))
+@pytest.mark.parametrize(("n", "dim"), [(11, 2), (8, 3)])
+def test_families_that_are_the_same_have_the_same_weights(n, dim, jitter):
+    """As each has by itself; those of a lattice are the same but for rounding, those of a slightly shaken one not."""
+    body = Body(0.1 * lattice(n, dim, jitter) + 0.3, 0.3015)
+    w, matched = body.matched()
+    for f in range(len(body.X)):
+        one, by_itself = matched_weights(
+            body.families.subset(np.array([f])), body.X, body.volume, body.plain[body.of == f]
+        )
+        assert by_itself[0] == matched[f]
+        assert w[body.of == f] == pytest.approx(one, rel=1e-12)
 
 
 @pytest.mark.parametrize("dim", (2, 3))

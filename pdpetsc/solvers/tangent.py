@@ -1,0 +1,142 @@
+"""The tangent as PETSc operators: assembled, or as an action with a compact matrix for the preconditioner."""
+
+import numpy as np
+from petsc4py import PETSc
+
+from pdpetsc import options
+from pdpetsc.assembly import Assembler
+from pdpetsc.compact import CompactStiffness, multiply_blocks, short_wave_inverse
+from pdpetsc.errors import InputError
+from pdpetsc.solvers.linear import DIRECT, DIRECT_LIMIT
+
+OPTION = "pd_tangent"
+KINDS = ("assembled", "matrix_free")
+
+MATRIX_FREE_GAIN = 3
+"""The tangent is not assembled where the compact matrix has this many times fewer entries."""
+
+COMPACT_BLOCKS = {1: 3, 2: 9, 3: 19}
+"""Blocks in a row of the compact matrix, on lattices."""
+
+
+class AssembledTangent:
+    """All entries of the tangent in one AIJ matrix, which preconditions itself."""
+
+    kind = "assembled"
+
+    def __init__(self, assembler: Assembler):
+        self._assembler = assembler
+        self.operator = self.preconditioner = assembler.matrix()
+
+    def update(self, u: np.ndarray) -> None:
+        """Linearise at owned displacements, (owned, dim)."""
+        self._assembler.assemble(u)
+
+    def renew_preconditioner(self) -> None:
+        """At the next update; here that happens anyway."""
+
+    def destroy(self) -> None:
+        """The matrix stays with the assembler."""
+
+
+class MatrixFreeTangent:
+    """The analytic action of the tangent, O(bonds) and nothing stored per bond, as a PETSc matrix of type python, and
+    the compact stiffness of the state in which the preconditioner was last made."""
+
+    kind = "matrix_free"
+
+    def __init__(self, assembler: Assembler):
+        self._assembler = assembler
+        with assembler.timings("first_tangent"):
+            self._compact = CompactStiffness(assembler)
+        self.preconditioner = self._compact.mat
+        self._action = (SymmetricAction if assembler.symmetric else Action)(assembler)
+        size, comm = self.preconditioner.getSizes(), assembler.particles.comm
+        self.operator = PETSc.Mat().createPython(size, context=self._action, comm=comm)
+        self.operator.setBlockSize(assembler.dim)
+        self.operator.setOption(PETSc.Mat.Option.SYMMETRIC, assembler.symmetric)
+        self.operator.setUp()
+        self._stale = True
+        self._filled = False
+
+    def update(self, u: np.ndarray) -> None:
+        """Linearise at owned displacements; the preconditioner stays as it is unless it is to be renewed."""
+        with self._assembler.timings("tangent" if self._filled else "first_tangent"):
+            self._assembler.linearise(u)
+            if self._stale:
+                self._compact.fill(u)
+                self._action.short_waves = short_wave_inverse(self._assembler)
+                self._stale = False
+            self._filled = True
+        self.operator.assemble()
+
+    def renew_preconditioner(self) -> None:
+        """At the next update."""
+        self._stale = True
+
+    def destroy(self) -> None:
+        """Give back PETSc's memory (collective)."""
+        self.operator.destroy()
+        self.preconditioner.destroy()
+
+
+class Action:
+    """Context of the matrix: K of the last linearisation. `short_waves` are the inverse diagonal blocks for the
+    preconditioner, of the state in which that was made."""
+
+    def __init__(self, assembler: Assembler):
+        self._assembler = assembler
+        self.short_waves = np.empty((0, assembler.dim, assembler.dim))
+
+    def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y = K x."""
+        dim = self._assembler.dim
+        result = self._assembler.constrained_action(x.getArray(readonly=True).reshape(-1, dim))
+        y.getArray()[...] = result.ravel()
+
+    def getDiagonal(self, mat: PETSc.Mat, y: PETSc.Vec) -> None:
+        """Diagonal of K."""
+        y.getArray()[...] = np.einsum("npp->np", self._assembler.diagonal()).ravel()
+
+
+class SymmetricAction(Action):
+    """One that is its own transpose."""
+
+    def multTranspose(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self.mult(mat, x, y)
+
+
+class ShortWaves:
+    """PCPYTHON: what the compact stiffness leaves out, y = 0.3 diag(K)^-1 x (compact.py)."""
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        blocks = pc.getOperators()[0].getPythonContext().short_waves
+        dim = blocks.shape[-1]
+        multiply_blocks(blocks, x.getArray(readonly=True).reshape(-1, dim), y.getArray().reshape(-1, dim))
+
+    def applyTranspose(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self.apply(pc, x, y)
+
+
+def tangent(assembler: Assembler) -> AssembledTangent | MatrixFreeTangent:
+    """As -pd_tangent says, or else as suits the problem: assembled for a direct solver and where neighbours are few,
+    matrix-free elsewhere.
+
+    Raises:
+        InputError: the option is neither "assembled" nor "matrix_free".
+    """
+    kind = PETSc.Options().getString(OPTION, "")
+    if kind and kind not in KINDS:
+        raise InputError(f"-{OPTION}: is {kind!r}; choices: {', '.join(KINDS)}")
+    if (kind or _suitable(assembler)) == "assembled":
+        return AssembledTangent(assembler)
+    return MatrixFreeTangent(assembler)
+
+
+def _suitable(assembler: Assembler) -> str:
+    if options.given().get("pc_type") in DIRECT:
+        return "assembled"
+    blocks, dim, count = assembler.expected_blocks(), assembler.dim, assembler.particles.count
+    small = "pc_type" not in options.given() and blocks * dim**2 <= DIRECT_LIMIT[dim]
+    few = blocks < MATRIX_FREE_GAIN * COMPACT_BLOCKS[dim] * count
+    return "assembled" if small or few else "matrix_free"
