@@ -58,9 +58,9 @@ class ExtensionTangent(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta, y, a, b):
+def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta, y, a, b, s):
     """Fill y with vectors along the bonds (y, or xi in linear kinematics), a with e/|y| and, with a dilatation, b with
-    s Lambda/|y|, so that t = k (a + B theta b) y; return theta."""
+    s Lambda/|y|, so that t = k (a + B theta b) y; return theta. s is scratch."""
     dim = len(D)
     theta = 0.0
     if linear:
@@ -75,24 +75,35 @@ def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta,
                 b[q] = 1.0 if by_length else 1.0 / np.sqrt(square)
                 theta += k[first + q] * b[q] * along
         return theta
-    for q in range(size):
-        square, change, current, along = 0.0, 0.0, 0.0, 0.0
+    length = s[0]  # |y|
+    for q in range(size):  # no branches in here
+        square, change, current = 0.0, 0.0, 0.0
         for p in range(dim):
             x = xi[p, q]
             z = x + eta[p, q]
             square += x * x
             change += (x + z) * eta[p, q]
             current += z * z
-            along += x * z
             y[p, q] = z
-        xi_length, y_length = np.sqrt(square), np.sqrt(current)  # y = 0 has no direction: 0/0 below
-        a[q] = change / (y_length * (y_length + xi_length))
-        if dilates:
-            s = xi_length if by_length else 1.0
-            if weighted:
-                s *= along / (xi_length * y_length)
-            b[q] = s / y_length
-            theta += k[first + q] * s * a[q] * y_length
+        xi_length, y_length = np.sqrt(square), np.sqrt(current)
+        inverse = 1.0 / (y_length * (y_length + xi_length))  # y = 0 has no direction: 0 times inf below
+        a[q] = change * inverse
+        b[q] = xi_length * (y_length + xi_length) * inverse
+        length[q] = y_length
+    if not dilates:
+        return theta
+    if not by_length:
+        for q in range(size):
+            b[q] = 1.0 / length[q]
+    if weighted:
+        for q in range(size):
+            square, along = 0.0, 0.0
+            for p in range(dim):
+                square += xi[p, q] * xi[p, q]
+                along += xi[p, q] * y[p, q]
+            b[q] *= along / (np.sqrt(square) * length[q])
+    for q in range(size):
+        theta += k[first + q] * b[q] * a[q] * length[q] * length[q]
     return theta
 
 
@@ -101,7 +112,8 @@ def force(D, data, f, first, size, space):
     k, B, t, a, b = data.k, data.B, space.t, space.a, space.b
     dilates = len(B) > 0
     theta = extensions(
-        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, t, a, b
+        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, t, a, b,
+        space.s,
     )
     if dilates:
         pressure = B[f] * theta
@@ -120,7 +132,7 @@ def energy(D, data, f, first, size, space):
     dilates = len(B) > 0
     theta = extensions(
         D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, y, a,
-        space.b,
+        space.b, space.s,
     )  # fmt: skip
     w = 0.5 * B[f] * theta * theta if dilates else 0.0
     for q in range(size):
@@ -155,7 +167,7 @@ def linearise(D, data, tangent, f, first, size, space):
     if len(data.B) > 0:
         theta = extensions(
             D, data.k, True, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta,
-            space.t, space.a, space.b,
+            space.t, space.a, space.b, space.s,
         )  # fmt: skip
         tangent.pressure[f] = data.B[f] * theta
 
@@ -231,7 +243,7 @@ def element(D, data, tangent, f, first, size, space, block, left, right):
     k, xi, eta, t, a, b = data.k, space.xi, space.eta, space.t, space.a, space.b
     dilates, weighted, linear = len(data.B) > 0, data.rotation_weighted, data.linear
     pressure = tangent.pressure[f] if dilates else 0.0
-    extensions(D, k, dilates, data.by_length, weighted, linear, first, size, xi, eta, t, a, b)
+    extensions(D, k, dilates, data.by_length, weighted, linear, first, size, xi, eta, t, a, b, space.s)
     n, turn = space.H[0], space.P[0]
     for q in range(size):
         square, current, cross = 0.0, 0.0, 0.0

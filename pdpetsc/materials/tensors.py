@@ -7,7 +7,7 @@ Arrays are `dim x dim` with dim = 1, 2 or 3.
 import numpy as np
 from numba import njit
 
-EXACT = {"error_model": "numpy", "fastmath": False}
+EXACT = {"error_model": "numpy", "fastmath": False, "_nrt": False}
 """How the algebra is compiled: nothing is reordered, even where a caller's sums may be; x/0 gives inf or NaN."""
 
 

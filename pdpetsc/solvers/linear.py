@@ -21,8 +21,9 @@ DIRECT = ("lu", "cholesky", "redundant")
 ADDITIVE = {
     "pc_type": "composite", "pc_composite_type": "additive", "pc_composite_pcs": "gamg,python",
     "sub_1_pc_python_type": "pdpetsc.solvers.tangent.ShortWaves", "sub_0_pc_gamg_reuse_interpolation": "true",
+    "sub_0_pc_use_amat": "false",
 }  # fmt: skip
-"""The preconditioner of a matrix-free tangent (compact.py)."""
+"""The preconditioner of a matrix-free tangent (compact.py); its smoothers take the compact matrix, too."""
 
 
 def default_options(operator: PETSc.Mat, compact: bool, symmetric: bool) -> dict[str, str | float]:
