@@ -73,6 +73,18 @@ class Families:
         kept[chosen] = True
         return Families(self.center[kept], _offsets(sizes[kept]), self.neighbours[np.repeat(kept, sizes)])
 
+    def interior_first(self, owned: int) -> tuple["Families", int]:
+        """The families that contain owned particles only, then those with ghosts, and how many the first are: they can
+        be evaluated while ghosts are on their way."""
+        inside = _inside(self.offsets, self.neighbours, owned)
+        if inside.all():
+            return self, len(self)
+        order = np.argsort(~inside, kind="stable")
+        neighbours = np.empty_like(self.neighbours)
+        offsets = _offsets(np.diff(self.offsets)[order])
+        _reorder(order, self.offsets, self.neighbours, offsets, neighbours)
+        return Families(self.center[order], offsets, neighbours), int(inside.sum())
+
     def blocks(self) -> Iterator[tuple["Families", slice]]:
         """Some consecutive families at a time and the slice of their bonds, for what would take much memory at once."""
         for first in range(0, len(self), BLOCK):
@@ -308,6 +320,25 @@ def _sort(values, size):
         if moves < 0:
             values[:size].sort()
             return
+
+
+@njit(cache=True)
+def _inside(offsets, neighbours, owned):
+    """Whether all members of each family are below `owned`."""
+    inside = np.ones(len(offsets) - 1, np.bool_)
+    for f in range(len(inside)):
+        for b in range(offsets[f], offsets[f + 1]):
+            if neighbours[b] >= owned:
+                inside[f] = False
+                break
+    return inside
+
+
+@njit(cache=True)
+def _reorder(order, offsets, neighbours, new_offsets, new_neighbours):
+    for f in range(len(order)):
+        first, last = offsets[order[f]], offsets[order[f] + 1]
+        new_neighbours[new_offsets[f] : new_offsets[f + 1]] = neighbours[first:last]
 
 
 @njit(cache=True)

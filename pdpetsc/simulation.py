@@ -13,7 +13,7 @@ from pdpetsc.assembly import Assembler
 from pdpetsc.body.box import box, coordinates
 from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
-from pdpetsc.bonds import INFLUENCE, Influence, bond_weights, check_not_lonely, find_families
+from pdpetsc.bonds import INFLUENCE, Families, Influence, bond_weights, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.expressions import Expression
@@ -73,6 +73,7 @@ class Simulation:
             cuts = cut_bonds(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
             self.families = self.families.without(cuts.any(axis=0))
             check_not_lonely(self.families, p.position, p.horizon)
+            self.families, interior = self.families.interior_first(p.owned)
         self.cut_bonds = [comm.tompi4py().allreduce(int(cut.sum())) for cut in cuts]
         for number, bonds in enumerate(self.cut_bonds):
             if not bonds:
@@ -84,7 +85,7 @@ class Simulation:
                 {name: s.where for name, s in case.sets.items() if s.where},
                 {name: s.nearest for name, s in case.sets.items() if s.nearest},
             )
-            self.materials = _materials(case, p, self.families, sets)
+            self.materials = _materials(case, p, self.families, interior, sets)
             self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
             loads = _loads(case, p, sets)
             self.assembler = Assembler(p, self.materials, loads, self.timings)
@@ -248,8 +249,9 @@ def _influence(chosen: str | Expression) -> Influence:
     return INFLUENCE[chosen] if isinstance(chosen, str) else lambda r: chosen(r=r)
 
 
-def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]:
-    """The materials of the case on their particles; every particle has exactly one."""
+def _materials(case: Case, p: Particles, families: Families, interior: int, sets: Sets) -> list[Material]:
+    """The materials of the case on their particles; every particle has exactly one. The first `interior` families
+    contain no ghost."""
     count = np.zeros(p.owned, int)
     materials = []
     for name, spec in case.material.items():
@@ -258,12 +260,21 @@ def _materials(case: Case, p: Particles, families, sets: Sets) -> list[Material]
         members = sets[spec.where]
         count += members
         with collective(p.comm.tompi4py()):
-            own = families.subset(np.flatnonzero(members))
+            chosen = np.flatnonzero(members[families.center])
+            own = families.subset(chosen)
             influence = _influence(spec.influence)
             try:
                 weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
                 part = Neighbourhood(
-                    own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence
+                    own,
+                    weight,
+                    p.position,
+                    p.volume,
+                    p.horizon,
+                    p.spacing,
+                    case.body.thickness,
+                    influence,
+                    int(np.searchsorted(chosen, interior)),
                 )
                 materials.append(Material.models[spec.model].from_case(spec, part))
             except InputError as error:
