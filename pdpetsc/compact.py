@@ -9,7 +9,8 @@ holes, and about the same stiffness. Every family gets springs k along its bonds
 which on a square or cubic lattice is the isotropic solid with lambda = mu = mu_c (every other bond-network has that
 Poisson's ratio): mu_c is the geometric mean of those that are right for shear and for pressure waves. Springs lie
 along the current bonds, and stretched or not they only resist stretching, so that the matrix is positive definite
-whatever the state.
+whatever the state. Where no bonds of a family resist every strain (a horizon of one spacing on a lattice) its springs
+resist being turned, too, with a third of their stiffness.
 
 Short waves are another thing. The tangent T of a horizon delta does not grow beyond wave numbers of 1/delta, while the
 compact stiffness C goes on as k^2: 1/T = 1/C + 1/D, with D about three times the tangent's diagonal blocks, follows
@@ -32,6 +33,9 @@ REACH = 1.5
 SHARE = 0.3
 """Part of the inverse diagonal blocks in the preconditioner, 1/D = 0.3 diag(T)^-1; 0.2 to 0.5 are as good."""
 
+SIDEWAYS = 0.3
+"""Part of their stiffness that the springs of a mechanism have across their direction."""
+
 SMALLEST_STIFFNESS = 1e-3
 """Least eigenvalue of a diagonal block that is believed, relative to its largest."""
 
@@ -49,14 +53,15 @@ class CompactStiffness:
         self._D = kernels.dimension(p.dim)
         self._springs = [self._network(material) for material in assembler.materials]
         parts = []
-        for families, _, own in self._springs:
+        for families, own, _, _ in self._springs:
             parts.append(Part(families, families.dual(p.local), own, False))
         self._duals = [part.dual for part in parts]
         self._sparsity, self._matrix = assembler.new_matrix(parts)
         self.mat = self._matrix.mat
 
-    def _network(self, material) -> tuple[Families, np.ndarray, np.ndarray]:
-        """Short bonds of a material's families, their stiffness, and the number of each particle's family."""
+    def _network(self, material) -> tuple[Families, np.ndarray, np.ndarray, np.ndarray]:
+        """Short bonds of a material's families, the number of each particle's family, stiffness of the springs along
+        their directions and across."""
         p, D = self._assembler.particles, self._D
         bonds = material.families.center, material.families.offsets, material.families.neighbours
         reach = REACH * p.spacing[material.families.center]
@@ -71,7 +76,7 @@ class CompactStiffness:
             reach[~resists] = np.inf  # too few: all bonds of the family
         total = p.dim * (p.dim + 2) * (material.shear * material.modulus / 3) ** 0.5 if p.dim > 1 else material.modulus
         kernels.scale_to(D, p.position, *network, k, 2, np.full(len(families), total))
-        return families, k, material.own
+        return families, material.own, k, k * np.repeat(np.where(resists, 0.0, SIDEWAYS), np.diff(families.offsets))
 
     def fill(self, u: np.ndarray) -> None:
         """Springs along the bonds at owned displacements (collective)."""
@@ -84,14 +89,15 @@ class CompactStiffness:
         ]
         a.fill(self._sparsity, self._matrix, rows, True)
 
-    def _add_rows(self, x, families, k, own, dual, row_offsets, columns, blocks, upper) -> None:
-        """Springs k in linear kinematics from the positions x."""
+    def _add_rows(self, x, families, own, k, sideways, dual, row_offsets, columns, blocks, upper) -> None:
+        """Springs in linear kinematics from the positions x: k n n + sideways (I - n n)."""
         dim, none = len(self._D), np.empty(0)
-        data, tangent = Extensions(k, none, True, False, True), ExtensionTangent(none)
+        data, tangent = Extensions(k - sideways, none, True, False, True), ExtensionTangent(none)
         bonds = families.center, families.offsets, families.neighbours
         empty = np.empty((0, dim))
         element = np.empty((families.bonds, dim, dim)), empty, empty, empty, empty
         kernels.elements(self._D, data, tangent, x, *bonds, x, False, *element)
+        element[0][:, range(dim), range(dim)] += sideways[:, None]
         kernels.add_rows(
             self._D, data, tangent, *bonds, self._assembler.particles.volume, own, dual.offsets, dual.family, dual.bond,
             *element, False, upper, row_offsets, columns, blocks,

@@ -6,6 +6,7 @@ import re
 import signal
 from collections.abc import Callable, Mapping
 
+_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # of glibc's malloc.h
 _OPTION = re.compile(r"-[A-Za-z_]")
 # PETSc looks at these only when it ends, after we have asked which options are left.
 _USED_AT_THE_END = {"citations", "get_total_flops", "options_left", "options_view", "skip_petscrc"}
@@ -56,6 +57,15 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
 
     petsc4py.init(["pdpetsc", *arguments])
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc's handler would call `pdpetsc | head` a crash
+    _give_memory_back()
+
+
+def _give_memory_back() -> None:
+    """Let the C library return freed arrays to the system again, where that is glibc: SuperLU_DIST, which comes with
+    PETSc, switches that off when it is loaded, and every temporary array would count for good."""
+    if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
+        mallopt(_M_MMAP_MAX, 65536)
+        mallopt(_M_TRIM_THRESHOLD, 2**26)
 
 
 _defaults: set[str] = set()  # names of the options that `set_defaults` has given
