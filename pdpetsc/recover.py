@@ -36,9 +36,14 @@ class Recovery:
         return out
 
     @cached_property
+    def _displacement_gradient(self) -> np.ndarray:
+        """H of each family, (owned, 3, 3)."""
+        return self._of_families("displacement_gradient", (3, 3))
+
+    @property
     def deformation_gradient(self) -> np.ndarray:
         """F = I + H, (owned, 3, 3)."""
-        return np.eye(3) + self._of_families("displacement_gradient", (3, 3))
+        return np.eye(3) + self._displacement_gradient
 
     @cached_property
     def stress(self) -> np.ndarray:
@@ -48,7 +53,7 @@ class Recovery:
     @cached_property
     def strain(self) -> np.ndarray:
         """Logarithmic strain 1/2 ln(F F^T), (owned, 3, 3)."""
-        H = self._of_families("displacement_gradient", (3, 3))
+        H = self._displacement_gradient
         T = H.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(H + T + H @ T)
         return np.einsum("npa,na,nqa->npq", vectors, 0.5 * np.log1p(values), vectors)
