@@ -189,6 +189,7 @@ class Simulation:
             "spacing": case.body.spacing,
             "bonds": mpi.allreduce(self.families.bonds),
             "ranks": self.comm.size,
+            "most_bonds_on_a_rank": mpi.allreduce(self.families.bonds, MPI.MAX),
             "choices": self._choices(),
             "steps": [{k: v for k, v in row.items() if k != "probes"} for row in self.rows],
             "probes": last["probes"],

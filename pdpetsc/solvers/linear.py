@@ -3,10 +3,11 @@
 from petsc4py import PETSc
 
 from pdpetsc import options
+from pdpetsc.errors import InputError
 
-DIRECT_LIMIT = {1: 50e6, 2: 12e6, 3: 1.5e6}
-"""Stored entries of the tangent up to which a direct solver is the default, by dimension: about where a factorisation
-and multigrid take the same time (docs/performance.md)."""
+DIRECT_LIMIT = {1: 50e6, 2: 4e6, 3: 1.5e6}
+"""Stored entries of the tangent up to which a direct solver is the default, by dimension. It takes about a second
+there; iterative ones are faster long before (docs/performance.md), but it is exact and does not mind the state."""
 
 SMALLEST_RTOL = 1e-8
 """Reduction of a linear residual that is asked for at most."""
@@ -33,8 +34,16 @@ def default_options(operator: PETSc.Mat, compact: bool, symmetric: bool) -> dict
     several. Larger ones take CG (GMRES where the tangent is unsymmetric) with algebraic multigrid on the rigid-body
     modes, of the tangent itself or of the `compact` stiffness. When the user names a preconditioner, the Krylov method
     follows that choice.
+
+    Raises:
+        InputError: -ksp_type preonly with a matrix that is not the tangent.
     """
     given = options.given()
+    if compact and given.get("ksp_type") == "preonly":
+        raise InputError(
+            "-ksp_type preonly: what preconditions a matrix-free tangent is another matrix, which does not solve; "
+            "add -pd_tangent assembled, or leave the option out"
+        )
     defaults: dict[str, str | float] = {}
     if "pc_type" not in given:
         if compact:

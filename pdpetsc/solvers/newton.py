@@ -158,6 +158,8 @@ class Newton:
         a = self._assembler
         u = x.getArray(readonly=True).reshape(-1, a.dim)
         self.tangent.update(np.where(a.constrained, a.prescribed, u))
+        if J not in (P, self.tangent.operator):
+            J.assemble()  # with -snes_mf_operator, differences of the residual
         norm, (rtol, *_) = self._record.residual_norms[-1], snes.getTolerances()
         forcing = min(LARGEST_FORCING, 0.9 * (norm / self._before) ** 2) if self._before else LARGEST_FORCING
         enough = 0.3 * rtol * a.residual_scale() / norm

@@ -132,6 +132,13 @@ def test_an_unknown_tangent(comm, options):
         Newton(a)
 
 
+def test_a_preconditioner_alone_does_not_solve(comm, options):
+    a = assembler(distributed(lattice((4, 4)), 2.015), model("ordinary"), held=lambda X: X[:, :1] < 1)
+    options(pd_tangent="matrix_free", ksp_type="preonly")
+    with pytest.raises(InputError, match="-ksp_type preonly: .*; add -pd_tangent assembled"):
+        Newton(a)
+
+
 def test_answers_of_all_ranks_agree(comm, options):
     """Against the body on one process alone, by its residual."""
     p = distributed(jittered((16, 12), 0.1), 3.015)
