@@ -199,7 +199,8 @@ class Assembler:
         """A matrix on all displacements with the pattern of these parts, for `fill`."""
         sparsity = tangent_sparsity(self.particles, parts)
         matrix = TangentMatrix(self.particles, sparsity)
-        matrix.mat.setNearNullSpace(self.rigid_body_modes)
+        if self.rigid_body_modes.getVecs():  # multigrid does not take none
+            matrix.mat.setNearNullSpace(self.rigid_body_modes)
         return sparsity, matrix
 
     def fill(self, sparsity: Sparsity, matrix: TangentMatrix, contributions: list, symmetric: bool) -> None:

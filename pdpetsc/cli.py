@@ -14,11 +14,12 @@ from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.expressions import hint
 
 DEFAULT_CASE = "clamped_beam"
-COMMANDS = ("run", "list", "restart")
+COMMANDS = ("run", "check", "list", "restart")
 HELP = f"""\
 pdpetsc {__version__}: implicit peridynamics in parallel, on PETSc
 
   pdpetsc [run] [CASE] [--out DIR] [--set key=value ...] [--quiet] [PETSc options]
+  pdpetsc check [CASE] [--set key=value ...] [--ranks N] [PETSc options]
   pdpetsc restart DIR [--quiet] [PETSc options]
   pdpetsc list
 
@@ -27,16 +28,19 @@ CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT fo
 
   --out DIR         where results go (default: results/CASE); an earlier result there is replaced
   --set key=value   override one entry of the case: body.spacing=0.01, load.0.value="-1e-4 * t"
+  --ranks N         check: on how many ranks the case would run (default: as many as there are)
   --quiet           print warnings and errors only
   --version         print the version
   -h, --help        print this text; -help is PETSc's own
 
-Options with one dash go to PETSc and win over [petsc] in the case.
+Options with one dash go to PETSc and win over [petsc] in the case. `check` tells in seconds what a
+run will take: particles, bonds, matrices, solver, memory, the stable step of explicit dynamics.
 
 Examples:
   pdpetsc                                          the built-in case, in seconds
   pdpetsc plate.toml:coarse --out /tmp/plate       a variant of a case of your own
   mpirun -n 4 python -m pdpetsc plate.toml -snes_monitor -ksp_type cg -pc_type gamg
+  pdpetsc check plate.toml --ranks 64              would it fit?
   pdpetsc restart results/plate                    go on from the last checkpoint
 
 Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
@@ -51,7 +55,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `quiet`.
+    """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `ranks`, `quiet`.
 
     Raises:
         InputError: The command line makes no sense.
@@ -60,6 +64,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("words", nargs="*")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="key=value")
+    parser.add_argument("--ranks", type=int)
     parser.add_argument("--quiet", action="store_true")
     parser.add_argument("--version", action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
@@ -69,8 +74,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     if request.help or request.version:
         request.command = "help" if request.help else "version"
         return request
-    known = {"run": 1, "list": 0, "restart": 1}[request.command]
-    unknown = [word for word in words if not case.is_case(word)] if request.command == "run" else words[known:]
+    takes_case = request.command in ("run", "check")
+    known = 0 if request.command == "list" else 1
+    unknown = [word for word in words if not case.is_case(word)] if takes_case else words[known:]
     if unknown:
         names = [*COMMANDS, *case.bundled()]
         raise InputError(
@@ -81,8 +87,12 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         raise InputError(f"more than one case: {', '.join(words)}")
     if request.command == "restart" and not words:
         raise InputError("restart needs the directory of an earlier result")
-    if request.command != "run" and (request.out or request.overrides):
+    if not takes_case and (request.out or request.overrides):
         raise InputError(f"{request.command} takes neither --out nor --set")
+    if request.command == "check" and request.out:
+        raise InputError("check takes no --out: it writes nothing")
+    if request.ranks is not None and (request.command != "check" or request.ranks < 1):
+        raise InputError("--ranks is a positive number of ranks and goes with check; a run is on those of mpirun -n")
     request.operand = words[0] if words else DEFAULT_CASE
     return request
 
@@ -94,7 +104,7 @@ def petsc_defaults(arguments: list[str]) -> Mapping:
     """
     try:
         request = parse(arguments)
-        if request.command == "run":
+        if request.command in ("run", "check"):
             return case.load(request.operand, request.overrides).petsc
         if request.command == "restart":
             return case.load(str(Path(request.operand) / "case.toml")).petsc  # the case as run
@@ -141,6 +151,8 @@ def _do(request: argparse.Namespace, comm) -> int:
             chosen = case.load(request.operand, request.overrides)
         from pdpetsc import driver
 
+        if request.command == "check":
+            return driver.check(chosen, request.ranks)
         folder = f"{chosen.name}-{chosen.variant}" if chosen.variant else chosen.name
         return driver.run(chosen, request.out or Path("results") / folder, request.quiet)
     return 0

@@ -4,16 +4,20 @@ import os
 import shutil
 from pathlib import Path
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc import __version__
 from pdpetsc.case import Case
+from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
 from pdpetsc.io.checkpoint import CHECKPOINT, read_description, read_state
 from pdpetsc.io.plot import plot_result
+from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import Checkpoint, FieldOutput, History, ProgressTable
 from pdpetsc.parallel import collective, say, warn
+from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.simulation import Simulation
 from pdpetsc.solvers.linear import describe_linear_solver
 
@@ -37,6 +41,7 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
         _check_replaceable(out, case)
     if not quiet and not Path(os.environ["NUMBA_CACHE_DIR"]).exists():
         say(comm, "compiling the kernels, once for this version: about half a minute")
+    _refuse_too_large(case, comm.tompi4py())
     simulation = Simulation(case, comm)
     with collective(comm.tompi4py()):
         if comm.rank == 0:
@@ -52,6 +57,7 @@ def restart(directory: Path, quiet: bool = False) -> int:
         kept = read_description(directory)
         rows = kept.pop("rows")
         case = Case.from_document(**kept)
+    _refuse_too_large(case, comm.tompi4py())
     simulation = Simulation(case, comm)
     simulation.state = read_state(directory, simulation.particles)
     simulation.assembler.set_time(simulation.state.time)
@@ -59,6 +65,41 @@ def restart(directory: Path, quiet: bool = False) -> int:
     if simulation.schedule.finished(simulation.state.time):
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)
+
+
+def check(case: Case, ranks: int | None = None) -> int:
+    """Say what a run of a case will take, and whether it fits; the exit code of the command line.
+
+    Args:
+        case: what would be done.
+        ranks: on how many; as many as there are now if None.
+
+    Raises:
+        InputError: on all ranks alike, what a run would find wrong before it builds the body.
+    """
+    comm = MPI.COMM_WORLD
+    with collective(comm):
+        prediction = predict(case, ranks or comm.size)
+    available = available_memory()
+    say(comm, f"{case.title or case.name}  ({case.path})")
+    say(comm, report(prediction, case.units, available))
+    try:
+        check_fits(prediction, available and available / prediction.ranks)
+    except InputError as error:
+        where = f"on {prediction.ranks} ranks" if prediction.ranks > 1 else "on one rank"
+        say(comm, f"refused    {where} of this machine: {error}")
+    return 0
+
+
+def _refuse_too_large(case: Case, comm) -> None:
+    """Raise an InputError on all ranks where the case cannot fit into memory or integers."""
+    available = memory_per_rank(comm)
+    with collective(comm):
+        prediction = predict(case, comm.size, QUICK)
+        try:
+            check_fits(prediction, available)
+        except InputError as error:
+            raise InputError(f"{case.path}: {error}") from None
 
 
 def _check_replaceable(out: Path, case: Case) -> None:

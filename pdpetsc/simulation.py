@@ -10,14 +10,15 @@ from petsc4py import PETSc
 
 from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
-from pdpetsc.body.box import box, coordinates
+from pdpetsc.body.box import box, horizon_field
 from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
-from pdpetsc.bonds import INFLUENCE, Families, Influence, bond_weights, check_not_lonely, find_families
+from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.expressions import Expression
 from pdpetsc.grading import warn_thin_zones
+from pdpetsc.influence import INFLUENCE, Influence, bond_weights
 from pdpetsc.loads.base import Load, Site
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
@@ -228,21 +229,7 @@ class Simulation:
 
 def _particles(comm: PETSc.Comm, case: Case) -> Particles:
     body, mpi = case.body, comm.tompi4py()
-
-    def horizon(position, spacing):
-        place = coordinates(position, spacing)
-        result = body.horizon(place)
-        for name, spec in case.material.items():
-            if spec.horizon is None:
-                continue
-            inside = np.ones(len(position), bool)
-            if spec.where != "all":
-                if (condition := case.sets[spec.where].where) is None:
-                    raise InputError(f"material.{name}.horizon: needs a set that is given by a condition")
-                inside = condition.mask(**place)
-            result = np.where(inside, spec.horizon(place), result)
-        return result
-
+    horizon = horizon_field(body, case.material, case.sets)
     return distribute(comm, box(mpi, body, body.keep, horizon), body.horizon_tolerance)
 
 

@@ -93,6 +93,9 @@ def tangent_sparsity(particles: Particles, parts: list[Part]) -> Sparsity:
 SAMPLES = 200
 """Rows of which `expected_blocks` is the mean."""
 
+GOLDEN = 0.6180339887498949
+"""Multiples of it, modulo 1, spread evenly and hit no lattice plane more often than others."""
+
 
 def expected_blocks(particles: Particles, parts: list[tuple[Families, np.ndarray, bool]]) -> float:
     """About how many blocks the tangent of (families, own, couples) will have on all ranks (collective).
@@ -101,12 +104,13 @@ def expected_blocks(particles: Particles, parts: list[tuple[Families, np.ndarray
     """
     total = 0.0
     for families, own, couples in parts:
-        chosen = np.arange(0, len(families), max(1, len(families) // SAMPLES))
+        if not len(families):
+            continue
+        chosen = np.unique((np.arange(1, SAMPLES + 1) * GOLDEN % 1 * len(families)).astype(np.int64))
         bonds = families.center, families.offsets, families.neighbours
         sizes = _sample_rows(own, *bonds, couples, chosen)
         whole = sizes[sizes > 0]
-        if len(chosen):
-            total += len(families) * float(whole.mean() if len(whole) else -sizes.mean())
+        total += len(families) * float(whole.mean() if len(whole) else -sizes.mean())
     return particles.comm.tompi4py().allreduce(total)
 
 

@@ -7,8 +7,9 @@ from models import lattice
 from petsc4py import PETSc
 
 from pdpetsc.assembly import Assembler
-from pdpetsc.bonds import INFLUENCE, bond_weights, find_families
+from pdpetsc.bonds import find_families
 from pdpetsc.expressions import Expression
+from pdpetsc.influence import INFLUENCE, bond_weights
 from pdpetsc.loads.base import Site
 from pdpetsc.loads.displacement import Displacement
 from pdpetsc.materials.base import Neighbourhood

@@ -13,27 +13,28 @@ LONGEST = 350  # lines of a room
 
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
-    ("errors", "expressions", "quantities", "timings", "parallel", "options"),
-    ("body", "particles", "bonds", "quadrature", "exchange", "support", "grading", "state"),
+    ("errors", "expressions", "quantities", "timings", "parallel", "options", "memory"),
+    ("body", "particles", "bonds", "influence", "quadrature", "exchange", "support", "grading", "state"),
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
     ("assembly",),
     ("compact",),
     ("solvers", "recover", "adapt"),
     ("probes", "expectations", "observers", "io"),
-    ("schema", "case", "simulation", "driver", "cli", "__main__"),
+    ("schema", "case", "census", "prediction", "simulation", "driver", "cli", "__main__"),
 )
 LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
 
 # Laws that are sharper than the order: all that these rooms may import of the package.
 ONLY = {
-    "materials": {"materials", "damage", "bonds", "quadrature", "errors"},
+    "materials": {"materials", "damage", "bonds", "influence", "quadrature", "errors"},
     "damage": {"materials", "damage", "bonds", "errors"},
     "solvers": {"solvers", "assembly", "compact", "state", "loads", "errors", "options", "parallel", "timings"},
     "schema": {
         "schema",
         "materials",
         "bonds",
+        "influence",
         "quantities",
         "errors",
         "expressions",
@@ -43,7 +44,7 @@ ONLY = {
 # And of everything else: models are testable with two particles and nothing but numpy and numba.
 OUTSIDE = {
     room: {"numpy", "numba", "annotated_types"} | set(sys.stdlib_module_names)
-    for room in ("materials", "damage", "bonds", "quadrature")
+    for room in ("materials", "damage", "bonds", "influence", "quadrature")
 }
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

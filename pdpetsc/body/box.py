@@ -1,6 +1,9 @@
 """Lattice bodies: a line, a rectangle or a block of cells, with one particle in the middle of each or several."""
 
 import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -14,6 +17,9 @@ FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back
 
 NAMES = ("X", "Y", "Z")
 
+BLOCK = 1 << 16
+"""Cells that are looked at together where not all of them fit."""
+
 
 def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarray]:
     """The variables of expressions: X, Y, Z as far as the dimension goes, and the local spacing."""
@@ -23,6 +29,125 @@ def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarr
 def layer_rows(width: float, cell: float) -> int:
     """Rows of cells in a fictitious layer of this width [length], at least one."""
     return max(1, int(width / cell + 1e-6))
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """The cells of a box and of its layers, x fastest, before any particle is made.
+
+    Attributes:
+        body: size, spacing, origin, thickness, refine of the case's `[body]`.
+        keep: condition of X, Y, Z, spacing that tells which particles exist, or None.
+        cell: (dim,) widths of a cell [length].
+        counts: (dim,) cells in each direction, those of layers included.
+        first: (dim,) index of the first cell, less than 0 in a layer; the body's own begin with 0.
+    """
+
+    body: Any
+    keep: Any
+    cell: np.ndarray
+    counts: np.ndarray
+    first: np.ndarray
+
+    @classmethod
+    def of(cls, body, keep, horizon) -> "Lattice":
+        """The lattice of a case's `[body]`, with layers as wide as they say in the largest horizon at their face.
+
+        Raises:
+            InputError: the size is no multiple of the spacing, or there are more cells than can be numbered.
+        """
+        size = np.array(body.size, float)
+        inner = np.maximum(1, np.rint(size / body.spacing)).astype(np.int64)
+        cell = size / inner
+        if np.any(np.abs(cell / body.spacing - 1) > 0.05):
+            raise InputError(
+                f"body.size: {list(body.size)} is not a multiple of the spacing {body.spacing:g}; "
+                f"the nearest lattice has {' x '.join(map(str, inner))} cells of {_widths(cell)}"
+            )
+        alone = cls(body, keep, cell, inner, np.zeros_like(inner))
+        _check_number(body, alone.cells)
+        extra = np.zeros((len(size), 2), np.int64)
+        for face, width in body.layers.items():
+            axis, side = FACES[face]
+            reach = alone.largest_horizon(face, horizon) if width.in_horizons else 0.0
+            extra[axis, side] = layer_rows(width.length(reach), cell[axis])
+        lattice = cls(body, keep, cell, inner + extra.sum(axis=1), -extra[:, 0])
+        _check_number(body, lattice.cells)
+        return lattice
+
+    @property
+    def dim(self) -> int:
+        return len(self.cell)
+
+    @property
+    def cells(self) -> int:
+        return math.prod(map(int, self.counts))
+
+    @property
+    def spacing(self) -> float:
+        """Of the particles of undivided cells [length]."""
+        return float(np.prod(self.cell) ** (1 / self.dim))
+
+    def indices(self, numbers: np.ndarray) -> np.ndarray:
+        """Indices (n, dim) of the cells with these numbers."""
+        return np.stack(np.unravel_index(numbers, self.counts, order="F"), axis=1) + self.first
+
+    def divisions(self, index: np.ndarray) -> np.ndarray:
+        """Particles along an edge of each cell, as floating-point numbers that may be too large for an integer."""
+        if self.body.refine is None:
+            return np.ones(len(index))
+        position = np.array(self.body.origin) + (index + 0.5) * self.cell
+        values = self.body.refine(**coordinates(position, np.full(len(position), self.spacing)))
+        bad = np.flatnonzero(values < 1 - 1e-6)
+        if len(bad):
+            raise InputError(
+                f"body.refine: is {values[bad[0]]:g} at ({_place(position[bad[0]])}), but a cell has at least 1 "
+                "particle along its edges"
+            )
+        return np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
+
+    def points(self, index: np.ndarray, division: np.ndarray, horizon) -> Points:
+        """The particles of these cells that are kept, with the row of their cell in `index` as id.
+
+        Raises:
+            InputError: a horizon is not greater than 0.
+        """
+        offset, cell = _divide(index, division.astype(np.int64))
+        position, spacing = np.array(self.body.origin) + offset * self.cell, self.spacing / division[cell]
+        if self.keep is not None:
+            kept = self.keep.mask(**coordinates(position, spacing))
+            position, spacing, cell = position[kept], spacing[kept], cell[kept]
+        horizons = horizon(position, spacing)
+        if np.any(horizons <= 0):
+            raise InputError(
+                f"body.horizon: is {horizons.min():g} at ({_place(position[np.argmin(horizons)])}); "
+                "it must be greater than 0"
+            )
+        volume = np.prod(self.cell) * self.body.thickness / division[cell] ** self.dim
+        return Points(cell, position, volume, spacing, horizons)
+
+    def largest_horizon(self, face: str, horizon) -> float:
+        """The largest horizon at a face: of a particle in the middle of each of the cells along it that are kept."""
+        axis, side = FACES[face]
+        counts = self.counts.copy()
+        counts[axis] = 1
+        largest = 0.0
+        for numbers in blocks_of(math.prod(map(int, counts))):
+            index = np.stack(np.unravel_index(numbers, counts, order="F"), axis=1)
+            index[:, axis] = side * (self.counts[axis] - 1)
+            position = np.array(self.body.origin) + (index + 0.5) * self.cell
+            spacing = self.spacing / self.divisions(index)
+            if self.keep is not None:
+                kept = self.keep.mask(**coordinates(position, spacing))
+                position, spacing = position[kept], spacing[kept]
+            largest = max(largest, float(horizon(position, spacing).max(initial=0.0)))
+        return largest
+
+
+def blocks_of(count: int) -> Iterator[np.ndarray]:
+    """The numbers 0 ... count - 1, some at a time."""
+    for first in range(0, count, BLOCK):
+        yield np.arange(first, min(count, first + BLOCK))
 
 
 def box(comm, body, keep, horizon) -> Points:
@@ -44,75 +169,49 @@ def box(comm, body, keep, horizon) -> Points:
     Raises:
         InputError: the body has no particle, its size is no multiple of its spacing, or a cell has no division.
     """
-    size = np.array(body.size, float)
-    dim = len(size)
-    inner = np.maximum(1, np.rint(size / body.spacing)).astype(np.int64)
-    cell = size / inner
-    if np.any(np.abs(cell / body.spacing - 1) > 0.05):
-        raise InputError(
-            f"body.size: {list(body.size)} is not a multiple of the spacing {body.spacing:g}; "
-            f"the nearest lattice has {' x '.join(map(str, inner))} cells of {' x '.join(f'{c:.6g}' for c in cell)}"
-        )
-    if np.any(np.abs(cell / body.spacing - 1) > 1e-6):
-        warn(comm, f"body.size is no multiple of body.spacing: the cells are {' x '.join(f'{c:.6g}' for c in cell)}")
-    spacing = float(np.prod(cell) ** (1 / dim))
-    origin = np.array(body.origin)
-    extra = np.zeros((dim, 2), np.int64)
-    for face, width in body.layers.items():
-        axis, side = FACES[face]
-        reach = _largest_horizon(body, face, inner, cell, keep, horizon) if width.in_horizons else 0.0
-        extra[axis, side] = layer_rows(width.length(reach), cell[axis])
-    counts = inner + extra.sum(axis=1)
-
-    total = math.prod(map(int, counts))
-    _check_number(body, total)
-    first, last = total * comm.rank // comm.size, total * (comm.rank + 1) // comm.size
-    index = np.stack(np.unravel_index(np.arange(first, last), counts, order="F"), axis=1) - extra[:, 0]
+    lattice = Lattice.of(body, keep, horizon)
+    if np.any(np.abs(lattice.cell / body.spacing - 1) > 1e-6):
+        warn(comm, f"body.size is no multiple of body.spacing: the cells are {_widths(lattice.cell)}")
+    first, last = (lattice.cells * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+    index = lattice.indices(np.arange(first, last))
     with collective(comm):
-        division = _divisions(body, origin + (index + 0.5) * cell, spacing)
-    _check_number(body, comm.allreduce(float((division**dim).sum())))
+        division = lattice.divisions(index)
+    _check_number(body, comm.allreduce(float((division**lattice.dim).sum())))
     with collective(comm):
-        offset, division = _divide(index, division.astype(np.int64))
-        position, spacings = origin + offset * cell, spacing / division
-        if keep is not None:
-            kept = keep.mask(**coordinates(position, spacings))
-            position, spacings, division = position[kept], spacings[kept], division[kept]
-        horizons = horizon(position, spacings)
-        if np.any(horizons <= 0):
-            raise InputError(
-                f"body.horizon: is {horizons.min():g} at ({_place(position[np.argmin(horizons)])}); "
-                "it must be greater than 0"
-            )
-
-    n = len(position)
+        points = lattice.points(index, division, horizon)
+    n = len(points.position)
     begin = comm.scan(n) - n
     if comm.allreduce(n) == 0:
         raise InputError("body.keep: no particle is left; the condition is false everywhere")
-    return Points(
-        id=np.arange(begin, begin + n),
-        position=position,
-        volume=np.prod(cell) * body.thickness / division**dim,
-        spacing=spacings,
-        horizon=horizons,
-    )
+    points.id = np.arange(begin, begin + n)
+    return points
 
 
-def _divisions(body, position: np.ndarray, spacing: float) -> np.ndarray:
-    """Particles along an edge of each cell, as floating-point numbers that may be too large for an integer."""
-    if body.refine is None:
-        return np.ones(len(position))
-    values = body.refine(**coordinates(position, np.full(len(position), spacing)))
-    bad = np.flatnonzero(values < 1 - 1e-6)
-    if len(bad):
-        raise InputError(
-            f"body.refine: is {values[bad[0]]:g} at ({_place(position[bad[0]])}), but a cell has at least 1 particle "
-            "along its edges"
-        )
-    return np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
+def horizon_field(body, materials: dict, sets: dict) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """The function of (position, spacing) that gives each particle's horizon [length]: the body's, or that of its
+    material where `[material.NAME]` has one.
+
+    Raises:
+        InputError: a material with a horizon of its own acts on a set that is not given by a condition.
+    """
+    own = {name: spec for name, spec in materials.items() if spec.horizon is not None}
+    for name, spec in own.items():
+        if spec.where != "all" and sets[spec.where].where is None:
+            raise InputError(f"material.{name}.horizon: needs a set that is given by a condition")
+
+    def horizon(position, spacing):
+        place = coordinates(position, spacing)
+        result = body.horizon(place)
+        for spec in own.values():
+            inside = True if spec.where == "all" else sets[spec.where].where.mask(**place)
+            result = np.where(inside, spec.horizon(place), result)
+        return result
+
+    return horizon
 
 
 def _divide(index: np.ndarray, division: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of the parts of all cells, in cell widths from the body's origin, and the division of each part's cell.
+    """Middles of the parts of all cells, in cell widths from the body's origin, and the row of each part's cell.
 
     Args:
         index: (n, dim) the cells.
@@ -124,22 +223,7 @@ def _divide(index: np.ndarray, division: np.ndarray) -> tuple[np.ndarray, np.nda
     number = np.arange(len(cell)) - np.repeat(np.cumsum(parts) - parts, parts)
     r = division[cell]
     inside = np.stack([number // r**k % r for k in range(dim)], axis=1)
-    return index[cell] + (inside + 0.5) / r[:, None], r
-
-
-def _largest_horizon(body, face: str, inner: np.ndarray, cell: np.ndarray, keep, horizon) -> float:
-    """The largest horizon at a face: of a particle in the middle of each of the body's cells along it that are kept."""
-    axis, side = FACES[face]
-    ranges = [np.arange(n) for n in inner]
-    ranges[axis] = ranges[axis][[-side]]
-    index = np.stack([a.ravel() for a in np.meshgrid(*ranges, indexing="ij")], axis=1)
-    position = np.array(body.origin) + (index + 0.5) * cell
-    spacing = float(np.prod(cell) ** (1 / len(cell)))
-    spacings = spacing / _divisions(body, position, spacing)
-    if keep is not None:
-        kept = keep.mask(**coordinates(position, spacings))
-        position, spacings = position[kept], spacings[kept]
-    return float(horizon(position, spacings).max(initial=0.0))
+    return index[cell] + (inside + 0.5) / r[:, None], cell
 
 
 def _check_number(body, particles: float) -> None:
@@ -154,3 +238,7 @@ def _check_number(body, particles: float) -> None:
 
 def _place(position: np.ndarray) -> str:
     return ", ".join(f"{x:g}" for x in position)
+
+
+def _widths(cell: np.ndarray) -> str:
+    return " x ".join(f"{c:.6g}" for c in cell)

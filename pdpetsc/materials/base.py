@@ -14,7 +14,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Gt, Lt
 
-from pdpetsc.bonds import INFLUENCE, DualFamilies, Families, Influence
+from pdpetsc.bonds import DualFamilies, Families
+from pdpetsc.influence import INFLUENCE, Influence
 from pdpetsc.materials import families as kernels
 from pdpetsc.materials.families import dimension
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from pdpetsc.bonds import Influence
+from pdpetsc.influence import Influence
 from pdpetsc.materials.base import Elastic, Neighbourhood, PoissonRatio, Quadrature
 from pdpetsc.materials.ordinary import SPHERE, Kinematics, Moduli, Ordinary, SurfaceCorrection, scaled_to
 from pdpetsc.quadrature import matched_weights

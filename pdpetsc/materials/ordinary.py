@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pdpetsc.bonds import INFLUENCE
 from pdpetsc.errors import InputError
+from pdpetsc.influence import INFLUENCE
 from pdpetsc.materials import families as kernels
 from pdpetsc.materials.base import Elastic, Material, Neighbourhood, Quadrature
 from pdpetsc.materials.elasticity import lame_constants

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, get_type_hints
 from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
 
 import pdpetsc.materials  # noqa: F401  fills Material.models
-from pdpetsc.bonds import INFLUENCE, PARTIAL_VOLUME
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
+from pdpetsc.influence import INFLUENCE, PARTIAL_VOLUME
 from pdpetsc.materials.base import Keys, Material
 from pdpetsc.schema.table import Table, error_at
 from pdpetsc.schema.values import Horizon, Positive, SetName

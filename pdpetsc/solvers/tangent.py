@@ -1,5 +1,7 @@
 """The tangent as PETSc operators: assembled, or as an action with a compact matrix for the preconditioner."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -119,24 +121,37 @@ class ShortWaves:
 
 
 def tangent(assembler: Assembler) -> AssembledTangent | MatrixFreeTangent:
-    """As -pd_tangent says, or else as suits the problem: assembled for a direct solver and where neighbours are few,
-    matrix-free elsewhere.
+    """The tangent that `choose` names for this problem and the options given.
 
     Raises:
         InputError: the option is neither "assembled" nor "matrix_free".
     """
-    kind = PETSc.Options().getString(OPTION, "")
-    if kind and kind not in KINDS:
-        raise InputError(f"-{OPTION}: is {kind!r}; choices: {', '.join(KINDS)}")
-    if (kind or _suitable(assembler)) == "assembled":
-        return AssembledTangent(assembler)
-    return MatrixFreeTangent(assembler)
+    PETSc.Options().getString(OPTION, "")  # it has been looked at, whatever comes of it
+    kind, _ = choose(assembler.dim, assembler.particles.count, assembler.expected_blocks(), options.given())
+    return AssembledTangent(assembler) if kind == "assembled" else MatrixFreeTangent(assembler)
 
 
-def _suitable(assembler: Assembler) -> str:
-    if options.given().get("pc_type") in DIRECT:
-        return "assembled"
-    blocks, dim, count = assembler.expected_blocks(), assembler.dim, assembler.particles.count
-    small = "pc_type" not in options.given() and blocks * dim**2 <= DIRECT_LIMIT[dim]
-    few = blocks < MATRIX_FREE_GAIN * COMPACT_BLOCKS[dim] * count
-    return "assembled" if small or few else "matrix_free"
+def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) -> tuple[str, str]:
+    """The kind of tangent, and why: as -pd_tangent says, or else as suits the problem, assembled for a direct solver
+    and where neighbours are few, matrix-free elsewhere.
+
+    Args:
+        dim: of the body.
+        particles: on all ranks.
+        blocks: (dim x dim) that the assembled tangent would have.
+        given: PETSc options of the user.
+
+    Raises:
+        InputError: the option is neither "assembled" nor "matrix_free".
+    """
+    if kind := given.get(OPTION):
+        if kind not in KINDS:
+            raise InputError(f"-{OPTION}: is {kind!r}; choices: {', '.join(KINDS)}")
+        return kind, f"as -{OPTION} says"
+    if given.get("pc_type") in DIRECT:
+        return "assembled", f"as -pc_type {given['pc_type']} needs"
+    if "pc_type" not in given and blocks * dim**2 <= DIRECT_LIMIT[dim]:
+        return "assembled", f"for a direct solver, which is the choice up to {DIRECT_LIMIT[dim]:.3g} entries"
+    if blocks < MATRIX_FREE_GAIN * COMPACT_BLOCKS[dim] * particles:
+        return "assembled", f"since it has less than {MATRIX_FREE_GAIN} times the entries of the compact matrix"
+    return "matrix_free", f"since it has more than {MATRIX_FREE_GAIN} times the entries of the compact matrix"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from models import Sample, deformation, force, lattice, rotation, sample, strong_gradient, tangent
 
-from pdpetsc.bonds import INFLUENCE, bond_weights, find_families
+from pdpetsc.bonds import find_families
+from pdpetsc.influence import INFLUENCE, bond_weights
 from pdpetsc.materials.base import Neighbourhood
 from pdpetsc.materials.bond_based import BondBased, fixed_poisson, influence_moment
 from pdpetsc.materials.elasticity import lame_constants

@@ -135,7 +135,7 @@ def test_an_unknown_tangent(comm, options):
 def test_a_preconditioner_alone_does_not_solve(comm, options):
     a = assembler(distributed(lattice((4, 4)), 2.015), model("ordinary"), held=lambda X: X[:, :1] < 1)
     options(pd_tangent="matrix_free", ksp_type="preonly")
-    with pytest.raises(InputError, match="-ksp_type preonly: .*; add -pd_tangent assembled"):
+    with pytest.raises(InputError, match=r"-ksp_type preonly: .*; add -pd_tangent assembled"):
         Newton(a)
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from pdpetsc.bonds import HORIZON_TOLERANCE, INFLUENCE, Families, bond_weights, check_not_lonely, find_families
+from pdpetsc.bonds import HORIZON_TOLERANCE, Families, check_not_lonely, find_families
 from pdpetsc.errors import InputError
+from pdpetsc.influence import INFLUENCE, bond_weights
 
 
 def families_by_tree(X, horizon, owned=None):

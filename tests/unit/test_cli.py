@@ -54,7 +54,11 @@ def driver(monkeypatch):
         calls.append((directory, quiet))
         return 4
 
-    stub = SimpleNamespace(run=run, restart=restart, calls=calls)
+    def check(chosen, ranks):
+        calls.append((chosen.name, chosen.variant, chosen.overridden, ranks))
+        return 0
+
+    stub = SimpleNamespace(run=run, restart=restart, check=check, calls=calls)
     monkeypatch.setattr(pdpetsc, "driver", stub, raising=False)
     monkeypatch.setitem(sys.modules, "pdpetsc.driver", stub)
     return stub
@@ -77,6 +81,19 @@ def test_run(line, call, driver):
     assert driver.calls == [call]
 
 
+@pytest.mark.parametrize(
+    ("line", "call"),
+    [
+        ("check", ("clamped_beam", None, False, None)),
+        ("check rod:fine --ranks 64", ("rod", "fine", False, 64)),
+        ("check rod --set body.spacing=0.2", ("rod", None, True, None)),
+    ],
+)
+def test_check(line, call, driver):
+    assert cli.main(line.split()) == 0
+    assert driver.calls == [call]
+
+
 def test_restart(driver):
     assert cli.main(["restart", "results/rod", "--quiet"]) == 4
     assert driver.calls == [(Path("results/rod"), True)]
@@ -87,7 +104,7 @@ def test_restart(driver):
     [
         (
             "rodd",
-            "unknown word 'rodd' (did you mean 'rod'?); commands: run, list, restart; bundled cases: clamped_beam,",
+            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, list, restart; bundled cases: clamped_",
         ),
         ("rodd:fine", "unknown word 'rodd:fine' (did you mean 'rod'?)"),
         ("rnu rod", "unknown word 'rnu' (did you mean 'run'?)"),
@@ -102,6 +119,13 @@ def test_restart(driver):
         ("list --out x", "list takes neither --out nor --set"),
         ("restart", "restart needs the directory of an earlier result"),
         ("restart x --set a=1", "restart takes neither --out nor --set"),
+        ("check rod clamped_beam", "more than one case: rod, clamped_beam"),
+        ("check rod:coarse", "rod.toml: there is no variant 'coarse'; choices: fine"),
+        ("check rod --set body.spacing=-1", "rod.toml: body.spacing: must be greater than 0, not -1"),
+        ("check rod --out x", "check takes no --out"),
+        ("check rod --ranks 0", "--ranks is a positive number of ranks"),
+        ("check rod --ranks many", "argument --ranks: invalid int value: 'many'"),
+        ("rod --ranks 2", "--ranks is a positive number of ranks and goes with check"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(line, message, driver, capsys):
@@ -150,6 +174,7 @@ def test_version(capsys):
     [
         ("rod", {"ksp_type": "cg"}),
         ("rod --set petsc.ksp_type=gmres --set petsc.x=1", {"ksp_type": "gmres", "x": 1}),
+        ("check rod --ranks 3", {"ksp_type": "cg"}),
         ("nonsense", {}),
         ("no.toml", {}),
         ("rod --set body.spacing=-1", {}),

@@ -1,0 +1,61 @@
+"""Influence functions and partial volumes: the weight of each bond."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pdpetsc.bonds import Families
+from pdpetsc.errors import InputError
+
+Influence = Callable[[np.ndarray], np.ndarray]
+
+INFLUENCE: dict[str, Influence] = {
+    "constant": lambda r: np.ones_like(r),
+    "inverse": lambda r: 1 / r,
+    "linear": lambda r: 1 - r,
+    "cubic": lambda r: 1 - 3 * r**2 + 2 * r**3,
+    "gaussian": lambda r: np.exp(-((2 * r) ** 2)),
+}
+"""Influence functions w(r), r = |xi| / delta: 1, 1/r, 1 - r, the cubic spline 1 - 3r^2 + 2r^3 and exp(-(2r)^2)."""
+
+
+def _linear_partial_volume(length, horizon, spacing):
+    """beta = (delta + r - |xi|) / 2r in [0, 1] with r = dx/2 (seed 000 Eq. 81, which prints r = 2 dx)."""
+    return np.clip((horizon + spacing / 2 - length) / spacing, 0, 1)
+
+
+PARTIAL_VOLUME = {"none": lambda length, horizon, spacing: np.ones_like(length), "linear": _linear_partial_volume}
+"""Partial-volume factors beta of a neighbour whose cell of width `spacing` is cut by the horizon."""
+
+
+def bond_weights(
+    families: Families, position: np.ndarray, horizon: np.ndarray, spacing: np.ndarray, influence: Influence,
+    partial: str,
+) -> np.ndarray:  # fmt: skip
+    """Influence times partial-volume factor w beta of each bond [-]; bonds up to the tolerance have w(1) at most.
+
+    Raises:
+        InputError: a weight is negative or no number, or all weights of a family are zero.
+    """
+    if influence is INFLUENCE["constant"] and partial == "none":
+        return np.ones(families.bonds)
+    weight = np.empty(families.bonds)
+    for part, bonds in families.blocks():
+        length = part.lengths(position)
+        delta = part.per_bond(horizon)
+        r = np.minimum(length / delta, 1.0)
+        w = influence(r) * PARTIAL_VOLUME[partial](length, delta, spacing[part.neighbours])
+        wrong = np.flatnonzero(~((w >= 0) & (w < np.inf)))
+        if len(wrong):
+            raise InputError(
+                f"influence: is {w[wrong[0]]:g} at r = {r[wrong[0]]:g}; it must be finite and not negative"
+            )
+        without = part.center[np.flatnonzero(part.sums(w) == 0)]
+        if len(without):
+            where = ", ".join(f"{x:g}" for x in position[without[0]])
+            raise InputError(
+                f"influence: is zero at all neighbours of the particle at ({where}), so that no bond holds it; choose "
+                "another function or a larger horizon"
+            )
+        weight[bonds] = w
+    return weight
