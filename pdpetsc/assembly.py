@@ -46,8 +46,9 @@ class Assembler:
         self.prescribed = np.zeros(shape)
         self.external = np.zeros(shape)
         self.constraint_scale = self._typical_diagonal()
-        spacings = self.mpi.allreduce(float(particles.spacing[: particles.owned].sum()))
-        self.unit_force = self.constraint_scale * spacings / particles.count**0.5
+        self.spacing = self.mpi.allreduce(float(particles.spacing[: particles.owned].sum())) / particles.count
+        """Mean of the particles'."""
+        self.unit_force = self.constraint_scale * self.spacing * particles.count**0.5
         """Norm of the forces of a strain of 1, in order of magnitude."""
         self._matrix: TangentMatrix | None = None
         self._sparsity: Sparsity | None = None

@@ -105,12 +105,14 @@ class CompactStiffness:
 
 
 def short_wave_inverse(assembler: Assembler) -> np.ndarray:
-    """1/D: a share of the inverse diagonal blocks of the tangent of the last `linearise`, (owned, dim, dim)."""
-    values, vectors = np.linalg.eigh(assembler.diagonal())
+    """1/D: a share of the inverse diagonal blocks (symmetric part) of the tangent of the last `linearise`, without
+    constrained entries, (owned, dim, dim)."""
+    blocks = assembler.diagonal()
+    values, vectors = np.linalg.eigh((blocks + blocks.transpose(0, 2, 1)) / 2)
     floor = SMALLEST_STIFFNESS * np.abs(values).max(axis=1, initial=0.0, keepdims=True)
     values = SHARE / np.maximum(np.abs(values), floor)
     inverse = (vectors * values[:, None, :]) @ vectors.transpose(0, 2, 1)
-    inverse[assembler.constrained] /= SHARE
+    inverse[assembler.constrained] = 0.0  # the compact matrix has their rows as they are
     return inverse
 
 

@@ -94,8 +94,11 @@ def check(case: Case, ranks: int | None = None) -> int:
 def _refuse_too_large(case: Case, comm) -> None:
     """Raise an InputError on all ranks where the case cannot fit into memory or integers."""
     available = memory_per_rank(comm)
-    with collective(comm):
+    try:
         prediction = predict(case, comm.size, QUICK)
+    except InputError:
+        return  # on all ranks alike; a quick look may miss the body, and building it says what is wrong
+    with collective(comm):
         try:
             check_fits(prediction, available)
         except InputError as error:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
@@ -13,7 +12,7 @@ from pdpetsc.case import Case
 from pdpetsc.census import FULL, Census, Effort, take_census
 from pdpetsc.errors import InputError
 from pdpetsc.memory import GIB
-from pdpetsc.solvers.linear import DIRECT, default_options
+from pdpetsc.solvers.linear import DIRECT, DIRECT_LIMIT, default_options, in_words
 from pdpetsc.solvers.tangent import KINDS, OPTION, choose
 
 MARGIN = 1.1
@@ -93,47 +92,23 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
     try:
         census = take_census(case, effort)
         given, dim = options.given(), case.body.dim
-        kind, reason = choose(dim, census.particles, census.blocks, given)
+        choice = choose(dim, census.particles, census.blocks, given)
     except InputError as error:
         raise InputError(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
     symmetric = all(material.symmetric for material in census.materials.values())
-    solvers = {k: _solver(census, dim, ranks, k, symmetric) for k in KINDS}
+    small = census.blocks * dim**2 <= DIRECT_LIMIT[dim]
+    solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks) | given for k in KINDS}
     without = tuple(name for name, spec in case.material.items() if spec.density is None)
     return Prediction(
-        dim, census.particles, census.exact, census.bonds, census.most, census.blocks, census.compact, ranks, kind,
-        reason, _in_words(solvers[kind]), {k: _memory(census, dim, ranks, k, solvers[k]) for k in KINDS},
+        dim, census.particles, census.exact, census.bonds, census.most, census.blocks, census.compact, ranks,
+        choice.kind, choice.why, _in_words(solvers[choice.kind]), {k: _memory(census, dim, ranks, k, solvers[k]) for k in KINDS},
         None if without else stable_time_step(case, census), without, OPTION in given,
     )  # fmt: skip
 
 
-class _Expected(NamedTuple):
-    """A matrix that is not there, as far as `default_options` looks at it."""
-
-    entries: float
-    dim: int
-    size: int
-
-    def getInfo(self, _) -> dict:
-        return {"nz_used": self.entries}
-
-    def getBlockSize(self) -> int:
-        return self.dim
-
-    def getComm(self) -> "_Expected":
-        return self
-
-
-def _solver(census: Census, dim: int, ranks: int, kind: str, symmetric: bool) -> dict:
-    """PETSc options of the linear solver, given ones and defaults."""
-    operator = _Expected(census.blocks * dim**2, dim, ranks)
-    return default_options(operator, kind == "matrix_free", symmetric) | options.given()
-
-
 def _in_words(chosen: Mapping) -> str:
-    if chosen["pc_type"] == "composite":
-        return f"{chosen['ksp_type']} + gamg of nearest springs"
     package = chosen.get("pc_factor_mat_solver_type") if chosen["pc_type"] in ("lu", "cholesky") else None
-    return f"{chosen.get('ksp_type', 'gmres')} + {chosen['pc_type']}" + (f" ({package})" if package else "")
+    return in_words(chosen.get("ksp_type", "gmres"), chosen["pc_type"], package)
 
 
 def _memory(census: Census, dim: int, ranks: int, kind: str, solver: Mapping) -> float:
@@ -158,7 +133,7 @@ def factor_bytes(dim: int, particles: int, blocks: float) -> float:
     return {1: 40.0, 2: 7 * math.log2(points), 3: 13 * points ** (1 / 3)}[dim]
 
 
-def stable_time_step(case: Case, census: Census) -> float:
+def stable_time_step(case: Case, census: Census) -> float | None:
     """A safe estimate of the largest stable time step of central differences [time].
 
     dt = sqrt(2 rho / sum_j C_j), C_j the stiffness of a bond times the neighbour's volume (Silling and Askari 2005,
@@ -175,7 +150,7 @@ def stable_time_step(case: Case, census: Census) -> float:
         2 / 3 * n * (n + 2) * material.modulus * census.shortness[name] / case.material[name].density
         for name, material in census.materials.items()
     ]
-    return math.sqrt(2 / max(rates))
+    return math.sqrt(2 / max(rates)) if rates else None
 
 
 def check_fits(p: Prediction, available: float | None) -> None:

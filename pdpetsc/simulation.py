@@ -15,6 +15,7 @@ from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
+from pdpetsc.census import QUICK, take_census
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.expressions import Expression
 from pdpetsc.grading import warn_thin_zones
@@ -106,7 +107,7 @@ class Simulation:
         check_resistance(p, self.materials, self.assembler.constrained)
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
-        self.newton = Newton(self.assembler)
+        self.newton = Newton(self.assembler, _expected_blocks(case))
 
     @cached_property
     def recovery(self) -> Recovery:
@@ -231,6 +232,14 @@ def _particles(comm: PETSc.Comm, case: Case) -> Particles:
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
     return distribute(comm, box(mpi, body, body.keep, horizon), body.horizon_tolerance)
+
+
+def _expected_blocks(case: Case) -> float | None:
+    """Of the assembled tangent, counted without looking at the ranks; None where a quick look finds no particle."""
+    try:
+        return take_census(case, QUICK).blocks
+    except InputError:
+        return None
 
 
 def _influence(chosen: str | Expression) -> Influence:

@@ -3,7 +3,6 @@
 from petsc4py import PETSc
 
 from pdpetsc import options
-from pdpetsc.errors import InputError
 
 DIRECT_LIMIT = {1: 50e6, 2: 4e6, 3: 1.5e6}
 """Stored entries of the tangent up to which a direct solver is the default, by dimension. It takes about a second
@@ -27,33 +26,30 @@ ADDITIVE = {
 """The preconditioner of a matrix-free tangent (compact.py); its smoothers take the compact matrix, too."""
 
 
-def default_options(operator: PETSc.Mat, compact: bool, symmetric: bool) -> dict[str, str | float]:
+def default_options(compact: bool, direct: bool, symmetric: bool, ranks: int) -> dict[str, str | float]:
     """Return defaults for -ksp_type, -pc_type and what belongs to them.
 
-    Small problems are factorised: MUMPS where this PETSc has it, PETSc's own LU on one rank, a redundant LU on
-    several. Larger ones take CG (GMRES where the tangent is unsymmetric) with algebraic multigrid on the rigid-body
-    modes, of the tangent itself or of the `compact` stiffness. When the user names a preconditioner, the Krylov method
-    follows that choice.
+    A direct solver is MUMPS where this PETSc has it, PETSc's own LU on one rank, a redundant LU on several. Others are
+    CG (GMRES where the tangent is unsymmetric) with algebraic multigrid on the rigid-body modes, of the tangent itself
+    or of the compact stiffness. When the user names a preconditioner, the Krylov method follows that choice.
 
-    Raises:
-        InputError: -ksp_type preonly with a matrix that is not the tangent.
+    Args:
+        compact: whether the preconditioner's matrix is the compact stiffness.
+        direct: whether a direct solver suits the problem.
+        symmetric: whether the tangent is.
+        ranks: how many.
     """
     given = options.given()
-    if compact and given.get("ksp_type") == "preonly":
-        raise InputError(
-            "-ksp_type preonly: what preconditions a matrix-free tangent is another matrix, which does not solve; "
-            "add -pd_tangent assembled, or leave the option out"
-        )
     defaults: dict[str, str | float] = {}
     if "pc_type" not in given:
         if compact:
             defaults |= ADDITIVE
-        elif operator.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] > DIRECT_LIMIT[operator.getBlockSize()]:
+        elif not direct:
             defaults["pc_type"] = "gamg"
         elif PETSc.Sys.hasExternalPackage("mumps"):
             defaults |= {"pc_type": "cholesky" if symmetric else "lu", "pc_factor_mat_solver_type": "mumps"}
         else:
-            defaults["pc_type"] = "lu" if operator.getComm().size == 1 else "redundant"
+            defaults["pc_type"] = "lu" if ranks == 1 else "redundant"
     chosen = defaults | given
     if chosen["pc_type"] in DIRECT and chosen.get("pc_factor_mat_solver_type") == "mumps":
         defaults["mat_mumps_icntl_14"] = 50  # room for fill-in by pivoting [%]
@@ -74,7 +70,12 @@ def default_options(operator: PETSc.Mat, compact: bool, symmetric: bool) -> dict
 def describe_linear_solver(ksp: PETSc.KSP) -> str:
     """In words, for people: "preonly + cholesky (mumps)"."""
     pc = ksp.getPC()
-    if pc.getType() == "composite":
-        return f"{ksp.getType()} + gamg of nearest springs"
     package = pc.getFactorSolverType() if pc.getType() in ("lu", "cholesky") else None
-    return f"{ksp.getType()} + {pc.getType()}" + (f" ({package})" if package else "")
+    return in_words(ksp.getType(), pc.getType(), package)
+
+
+def in_words(krylov: str, preconditioner: str, package: str | None = None) -> str:
+    """The names of PETSc's methods for people; `composite` is taken for our own."""
+    if preconditioner == "composite":
+        preconditioner = "gamg of nearest springs"
+    return f"{krylov} + {preconditioner}" + (f" ({package})" if package else "")

@@ -8,13 +8,14 @@ import weakref
 from dataclasses import dataclass, field
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc import options
 from pdpetsc.assembly import Assembler
 from pdpetsc.errors import InputError
 from pdpetsc.solvers.linear import GMRES_RESTART, SMALLEST_RTOL, default_options, describe_linear_solver
-from pdpetsc.solvers.tangent import tangent
+from pdpetsc.solvers.tangent import choose, tangent
 
 DEFAULTS = {
     "snes_rtol": 1e-10, "snes_atol": 0.0, "snes_stol": 0.0, "snes_max_it": 30, "snes_linesearch_type": "basic",
@@ -32,6 +33,9 @@ of the forces of a strain of as much again."""
 LARGEST_FORCING = 1e-2
 """Reduction of the linear residual that is always asked for. Krylov methods solve a Newton step no better than it is
 worth: to 0.9 (|r_k|/|r_k-1|)^2 (Eisenstat and Walker 1996, choice 2), but no further than the step's end."""
+
+SMALLEST_ERROR = 1e-2
+"""Of the predictor, in spacings, where displacements are prescribed: whatever the jump, families are not inverted."""
 
 WORSE = 1.5
 """A preconditioner with which a linear solution takes this many times the iterations is made anew."""
@@ -73,16 +77,23 @@ class Newton:
     layer of particles). SNES then iterates from there. Its tolerance is relative to applied loads and reactions
     together (seed 004 Eq. 4.6, extended to displacement loading): |r| <= snes_rtol sqrt(|f_ext|^2 + |reactions|^2);
     snes_atol and snes_stol hold as usual.
+
+    Args:
+        assembler: of the body.
+        blocks: about how many the assembled tangent has, by which tangent and solver are chosen; if None, as the
+            assembler finds.
     """
 
-    def __init__(self, assembler: Assembler):
+    def __init__(self, assembler: Assembler, blocks: float | None = None):
         self._assembler = assembler
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
         self.snes = snes = PETSc.SNES().create(assembler.particles.comm)
-        self.tangent = tangent(assembler)
+        blocks = assembler.expected_blocks() if blocks is None else blocks
+        choice = choose(assembler.dim, assembler.particles.count, blocks, options.given())
+        self.tangent = tangent(assembler, choice.kind)
         operator, preconditioner = self.tangent.operator, self.tangent.preconditioner
-        compact = self.tangent.kind == "matrix_free"
-        options.set_defaults(DEFAULTS | default_options(operator, compact, assembler.symmetric))
+        compact, ranks = choice.kind == "matrix_free", assembler.mpi.size
+        options.set_defaults(DEFAULTS | default_options(compact, choice.direct, assembler.symmetric, ranks))
         self._inexact = "ksp_rtol" not in options.given()
         snes.setFunction(assembler.residual, assembler.vector())
         snes.setJacobian(self._linearise, operator, preconditioner)
@@ -99,6 +110,7 @@ class Newton:
 
     def destroy(self) -> None:
         """Give back PETSc's memory (collective)."""
+        self.snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # or its part of type python outlives Python
         self.snes.destroy()
         self.tangent.destroy()
 
@@ -144,7 +156,8 @@ class Newton:
         self._rhs.getArray()[...] += np.where(a.constrained, a.constraint_scale * jump, 0.0).ravel()
         ksp = self.snes.getKSP()
         ksp.setOperators(self.tangent.operator, self.tangent.preconditioner)
-        self._aim(LARGEST_FORCING)
+        longest = a.mpi.allreduce(float(np.abs(jump).max(initial=0.0)), MPI.MAX)
+        self._aim(min(LARGEST_FORCING, SMALLEST_ERROR * a.spacing / longest) if longest else LARGEST_FORCING)
         ksp.solve(self._rhs, self._d)
         self._record.linear_iterations = ksp.getIterationNumber()
         if ksp.getConvergedReason() < 0:
@@ -160,10 +173,10 @@ class Newton:
         self.tangent.update(np.where(a.constrained, a.prescribed, u))
         if J not in (P, self.tangent.operator):
             J.assemble()  # with -snes_mf_operator, differences of the residual
-        norm, (rtol, *_) = self._record.residual_norms[-1], snes.getTolerances()
-        forcing = min(LARGEST_FORCING, 0.9 * (norm / self._before) ** 2) if self._before else LARGEST_FORCING
-        enough = 0.3 * rtol * a.residual_scale() / norm
-        self._aim(max(forcing, enough))
+        norm, (rtol, *_) = snes.getFunctionNorm(), snes.getTolerances()
+        if norm > 0.0:
+            forcing = 0.9 * (norm / self._before) ** 2 if self._before else LARGEST_FORCING
+            self._aim(max(forcing, 0.3 * rtol * a.residual_scale() / norm))
         self._before = norm
 
     def _aim(self, reduction: float) -> None:
@@ -174,8 +187,10 @@ class Newton:
     def _judge_preconditioner(self) -> None:
         """Have it made anew when the last linear solution took much longer than one did."""
         ksp = self.snes.getKSP()
-        rtol = ksp.getTolerances()[0]
-        cost = ksp.getIterationNumber() / max(-np.log10(rtol), 1.0)
+        rtol, iterations = ksp.getTolerances()[0], ksp.getIterationNumber()
+        if not iterations:
+            return
+        cost = iterations / max(-np.log10(max(rtol, 1e-16)), 1.0)
         self._cost = min(self._cost, cost)
         if cost > WORSE * self._cost + 1:
             self.tangent.renew_preconditioner()
@@ -211,7 +226,9 @@ class Newton:
         return norm <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
 
     def _failure(self, reason: int) -> StepFailed:
-        """What to raise for SNES's reason; a preconditioner that failed is made anew at the next step."""
+        """What to raise for SNES's reason; the preconditioner is made anew at the next step."""
+        self.tangent.renew_preconditioner()
+        self._cost = np.inf
         name = _name(PETSc.SNES.ConvergedReason, reason)
         if reason == NOT_A_NUMBER:
             return StepFailed(f"{name}: the residual is not finite, as when a deformation gradient is inverted")
@@ -226,7 +243,6 @@ class Newton:
             ksp.setGMRESRestart(GMRES_RESTART)
             text += "; the tangent is indefinite (buckling?), so gmres takes over"
         ksp.reset()
-        self.tangent.renew_preconditioner()
         return StepFailed(text)
 
 

@@ -1,11 +1,11 @@
 """The tangent as PETSc operators: assembled, or as an action with a compact matrix for the preconditioner."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
 
-from pdpetsc import options
 from pdpetsc.assembly import Assembler
 from pdpetsc.compact import CompactStiffness, multiply_blocks, short_wave_inverse
 from pdpetsc.errors import InputError
@@ -120,38 +120,56 @@ class ShortWaves:
         self.apply(pc, x, y)
 
 
-def tangent(assembler: Assembler) -> AssembledTangent | MatrixFreeTangent:
-    """The tangent that `choose` names for this problem and the options given.
+class Choice(NamedTuple):
+    """Of the tangent and its solver.
 
-    Raises:
-        InputError: the option is neither "assembled" nor "matrix_free".
+    Attributes:
+        kind: one of KINDS.
+        direct: whether a direct solver is the default.
+        why: in words.
     """
-    PETSc.Options().getString(OPTION, "")  # it has been looked at, whatever comes of it
-    kind, _ = choose(assembler.dim, assembler.particles.count, assembler.expected_blocks(), options.given())
-    return AssembledTangent(assembler) if kind == "assembled" else MatrixFreeTangent(assembler)
+
+    kind: str
+    direct: bool
+    why: str
 
 
-def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) -> tuple[str, str]:
-    """The kind of tangent, and why: as -pd_tangent says, or else as suits the problem, assembled for a direct solver
-    and where neighbours are few, matrix-free elsewhere.
+def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) -> Choice:
+    """As -pd_tangent says, or else as suits the problem: assembled for a direct solver and where neighbours are few,
+    matrix-free elsewhere.
 
     Args:
         dim: of the body.
         particles: on all ranks.
-        blocks: (dim x dim) that the assembled tangent would have.
+        blocks: (dim x dim) that the assembled tangent would have, the same on any number of ranks.
         given: PETSc options of the user.
 
     Raises:
-        InputError: the option is neither "assembled" nor "matrix_free".
+        InputError: the option is neither "assembled" nor "matrix_free", or a preconditioner is to solve without a
+            matrix.
     """
-    if kind := given.get(OPTION):
+    small = blocks * dim**2 <= DIRECT_LIMIT[dim]
+    if OPTION in given:
+        kind, why = given[OPTION], f"as -{OPTION} says"
         if kind not in KINDS:
             raise InputError(f"-{OPTION}: is {kind!r}; choices: {', '.join(KINDS)}")
-        return kind, f"as -{OPTION} says"
-    if given.get("pc_type") in DIRECT:
-        return "assembled", f"as -pc_type {given['pc_type']} needs"
-    if "pc_type" not in given and blocks * dim**2 <= DIRECT_LIMIT[dim]:
-        return "assembled", f"for a direct solver, which is the choice up to {DIRECT_LIMIT[dim]:.3g} entries"
-    if blocks < MATRIX_FREE_GAIN * COMPACT_BLOCKS[dim] * particles:
-        return "assembled", f"since it has less than {MATRIX_FREE_GAIN} times the entries of the compact matrix"
-    return "matrix_free", f"since it has more than {MATRIX_FREE_GAIN} times the entries of the compact matrix"
+    elif given.get("pc_type") in DIRECT:
+        kind, why = "assembled", f"as -pc_type {given['pc_type']} needs"
+    elif "pc_type" not in given and small:
+        kind, why = "assembled", f"for a direct solver, which is the choice up to {DIRECT_LIMIT[dim]:.3g} entries"
+    elif blocks < MATRIX_FREE_GAIN * COMPACT_BLOCKS[dim] * particles:
+        kind, why = "assembled", f"since it has less than {MATRIX_FREE_GAIN} times the entries of the compact matrix"
+    else:
+        kind, why = "matrix_free", f"since it has more than {MATRIX_FREE_GAIN} times the entries of the compact matrix"
+    if kind == "matrix_free" and given.get("ksp_type") == "preonly":
+        raise InputError(
+            "-ksp_type preonly: what preconditions a matrix-free tangent is another matrix, which does not solve; "
+            f"add -{OPTION} assembled, or leave the option out"
+        )
+    return Choice(kind, kind == "assembled" and small, why)
+
+
+def tangent(assembler: Assembler, kind: str) -> AssembledTangent | MatrixFreeTangent:
+    """The tangent of that kind."""
+    PETSc.Options().getString(OPTION, "")  # it has been looked at, whatever came of it
+    return AssembledTangent(assembler) if kind == "assembled" else MatrixFreeTangent(assembler)
