@@ -24,6 +24,7 @@ from numba import njit
 from pdpetsc.assembly import Assembler
 from pdpetsc.bonds import Families
 from pdpetsc.materials import families as kernels
+from pdpetsc.materials import rows, sums
 from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent, resist_strain
 from pdpetsc.sparsity import Part
 
@@ -75,7 +76,7 @@ class CompactStiffness:
                 break
             reach[~resists] = np.inf  # too few: all bonds of the family
         total = p.dim * (p.dim + 2) * (material.shear * material.modulus / 3) ** 0.5 if p.dim > 1 else material.modulus
-        kernels.scale_to(D, p.position, *network, k, 2, np.full(len(families), total))
+        sums.scale_to(D, p.position, *network, k, 2, np.full(len(families), total))
         return families, material.own, k, k * np.repeat(np.where(resists, 0.0, SIDEWAYS), np.diff(families.offsets))
 
     def fill(self, u: np.ndarray) -> None:
@@ -83,11 +84,11 @@ class CompactStiffness:
         a = self._assembler
         local = a.localise(u)
         x = a.particles.position + local
-        rows = [
+        contributions = [
             lambda *target, network=network, dual=dual: self._add_rows(x, *network, dual, *target)
             for network, dual in zip(self._springs, self._duals)
         ]
-        a.fill(self._sparsity, self._matrix, rows, True)
+        a.fill(self._sparsity, self._matrix, contributions, True)
 
     def _add_rows(self, x, families, own, k, sideways, dual, row_offsets, columns, blocks, upper) -> None:
         """Springs in linear kinematics from the positions x: k n n + sideways (I - n n)."""
@@ -96,9 +97,9 @@ class CompactStiffness:
         bonds = families.center, families.offsets, families.neighbours
         empty = np.empty((0, dim))
         element = np.empty((families.bonds, dim, dim)), empty, empty, empty, empty
-        kernels.elements(self._D, data, tangent, x, *bonds, x, False, *element)
+        rows.elements(self._D, data, tangent, x, *bonds, x, False, *element)
         element[0][:, range(dim), range(dim)] += sideways[:, None]
-        kernels.add_rows(
+        rows.add_rows(
             self._D, data, tangent, *bonds, self._assembler.particles.volume, own, dual.offsets, dual.family, dual.bond,
             *element, False, upper, row_offsets, columns, blocks,
         )  # fmt: skip

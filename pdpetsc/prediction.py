@@ -101,7 +101,8 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
     without = tuple(name for name, spec in case.material.items() if spec.density is None)
     return Prediction(
         dim, census.particles, census.exact, census.bonds, census.most, census.blocks, census.compact, ranks,
-        choice.kind, choice.why, _in_words(solvers[choice.kind]), {k: _memory(census, dim, ranks, k, solvers[k]) for k in KINDS},
+        choice.kind, choice.why, _in_words(solvers[choice.kind]),
+        {k: _memory(census, dim, ranks, k, solvers[k]) for k in KINDS},
         None if without else stable_time_step(case, census), without, OPTION in given,
     )  # fmt: skip
 

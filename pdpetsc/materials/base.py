@@ -17,6 +17,7 @@ from annotated_types import Gt, Lt
 from pdpetsc.bonds import DualFamilies, Families
 from pdpetsc.influence import INFLUENCE, Influence
 from pdpetsc.materials import families as kernels
+from pdpetsc.materials import rows, sums
 from pdpetsc.materials.families import dimension
 
 Positive = Annotated[float, Gt(0)]
@@ -60,7 +61,7 @@ class Neighbourhood:
         """sum w beta V_j (vectors_j - vectors_i) (x) xi of each family; of the positions, the shape tensor K (seed 004
         Eq. 3.19)."""
         moments = np.zeros((len(self.families), self.dim, self.dim))
-        kernels.weighted_moments(
+        sums.weighted_moments(
             dimension(self.dim), self.position, *self.bonds(), self.weight, self.volume, vectors, moments
         )
         return moments
@@ -190,7 +191,7 @@ class Material:
     def add_diagonal(self, diagonal: np.ndarray) -> None:
         """Add the tangent's diagonal blocks to `diagonal` (local, dim, dim)."""
         data, bonds = self._mechanics
-        kernels.add_diagonal(
+        rows.add_diagonal(
             self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.couples_family, self.symmetric,
             diagonal,
         )  # fmt: skip
@@ -227,9 +228,9 @@ class Material:
         right, right_center = (left, left_center) if self.symmetric else (left.copy(), left_center.copy())
         element = block, left, right, left_center, right_center
         state = self._D, data, self._tangent
-        kernels.elements(*state, self._X, *bonds, self._u, self.couples_family, *element)
+        rows.elements(*state, self._X, *bonds, self._u, self.couples_family, *element)
         dual = self.dual
-        kernels.add_rows(
+        rows.add_rows(
             *state, *bonds, self._volume, self.own, dual.offsets, dual.family, dual.bond,
             *element, self.couples_family, upper, row_offsets, columns, blocks,
         )  # fmt: skip

@@ -16,6 +16,7 @@ import numpy as np
 from pdpetsc.errors import InputError
 from pdpetsc.influence import INFLUENCE
 from pdpetsc.materials import families as kernels
+from pdpetsc.materials import sums
 from pdpetsc.materials.base import Elastic, Material, Neighbourhood, Quadrature
 from pdpetsc.materials.elasticity import lame_constants
 from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent, resist_strain
@@ -86,7 +87,7 @@ class Ordinary(Material):
         tangent = ExtensionTangent(np.empty(len(data.B)))
         super().__init__(part, data, tangent, moduli.lame, moduli.shear)
         if not dilates:  # a spring between two families is evaluated once
-            offsets, neighbours, k = kernels.folded(self.own, *self._bonds, self._volume, k)
+            offsets, neighbours, k = sums.folded(self.own, *self._bonds, self._volume, k)
             self._mechanics = data._replace(k=k), (part.families.center, offsets, neighbours)
 
     def resists_strain(self):
@@ -243,5 +244,5 @@ def scaled_to(part: Neighbourhood, values: np.ndarray, power: float, total: floa
     that is the energy-based surface correction: a family that a surface cuts, or that a lattice fills unevenly, then
     stores the energy of the solid in a state of equal strain in all directions."""
     totals = np.full(len(part.families), total)
-    kernels.scale_to(kernels.dimension(part.dim), part.position, *part.bonds(), values, power, totals)
+    sums.scale_to(kernels.dimension(part.dim), part.position, *part.bonds(), values, power, totals)
     return values

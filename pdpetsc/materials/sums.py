@@ -1,0 +1,72 @@
+"""Compiled sums over families that need no model: moments of bonds, scaled bonds, pairs of springs as one."""
+
+import numpy as np
+from numba import njit
+
+from pdpetsc.materials.families import FAST
+
+
+@njit(cache=True, **FAST)
+def weighted_moments(D, X, center, offsets, neighbours, weight, volume, vectors, moments):
+    """Add sum w beta V_j (vectors_j - vectors_i) (x) xi to the moments of each family; with X for the vectors, the
+    shape tensor K = sum w beta V_j xi (x) xi (seed 004 Eq. 3.19)."""
+    dim = len(D)
+    for f in range(len(center)):
+        i = center[f]
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            w = weight[b] * volume[j]
+            for p in range(dim):
+                for q in range(dim):
+                    moments[f, p, q] += w * (vectors[j, p] - vectors[i, p]) * (X[j, q] - X[i, q])
+
+
+@njit(cache=True, **FAST)
+def scale_to(D, X, center, offsets, neighbours, values, power, total):
+    """Scale the bonds' values of each family in place to sum values |xi|^power = total (of each family)."""
+    for f in range(len(center)):
+        i, sum = center[f], 0.0
+        for b in range(offsets[f], offsets[f + 1]):
+            square = 0.0
+            for p in range(len(D)):
+                square += (X[neighbours[b], p] - X[i, p]) ** 2
+            sum += values[b] * square ** (0.5 * power)
+        for b in range(offsets[f], offsets[f + 1]):
+            values[b] *= total[f] / sum
+
+
+@njit(cache=True)
+def folded(own, center, offsets, neighbours, volume, k):
+    """Springs between two families of the same process as one: (offsets, neighbours, k) where the family of the lower
+    center has k_ij + V_j k_ji / V_i, which with its V_i is the stiffness of the pair, and the other one nothing.
+
+    For each particle, in order, a pointer walks along its bonds as the lower ends of its pairs come up; bonds are in
+    an order in which the particles of this process ascend.
+    """
+    families = len(center)
+    pointer = offsets[:-1].copy()
+    keep = np.ones(len(neighbours), np.bool_)
+    stiffness = k.copy()
+    for i in range(len(own)):
+        f = own[i]
+        if f < 0:
+            continue
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            g = own[j]
+            if g < 0 or j < i:
+                continue
+            n = pointer[g]
+            while n < offsets[g + 1] and (own[neighbours[n]] < 0 or neighbours[n] < i):
+                n += 1
+            pointer[g] = n
+            if n < offsets[g + 1] and neighbours[n] == i:
+                stiffness[b] += volume[j] * k[n] / volume[i]
+                keep[n] = False
+    new_offsets = np.zeros(families + 1, np.int64)
+    n = 0
+    for f in range(families):
+        for b in range(offsets[f], offsets[f + 1]):
+            n += keep[b]
+        new_offsets[f + 1] = n
+    return new_offsets, neighbours[keep], stiffness[keep]
