@@ -150,7 +150,7 @@ def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) ->
     """
     small = blocks * dim**2 <= DIRECT_LIMIT[dim]
     if OPTION in given:
-        kind, why = given[OPTION], f"as -{OPTION} says"
+        kind, why = given[OPTION] or "", f"as -{OPTION} says"
         if kind not in KINDS:
             raise InputError(f"-{OPTION}: is {kind!r}; choices: {', '.join(KINDS)}")
     elif given.get("pc_type") in DIRECT:
