@@ -72,7 +72,7 @@ class Exchange:
 
     @contextmanager
     def forwarding(self, field: np.ndarray):
-        """`forward` with something to do meanwhile that touches neither the field's owned entries nor its ghosts."""
+        """`forward` with something to do meanwhile that changes nothing in the field and reads owned entries only."""
         unit = _unit(field)
         self._forest.bcastBegin(unit, field, field, MPI.REPLACE)
         yield
