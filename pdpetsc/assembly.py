@@ -7,6 +7,7 @@ from numba import njit
 from petsc4py import PETSc
 
 from pdpetsc.loads.base import Constraint, Load
+from pdpetsc.loads.traction import Traction
 from pdpetsc.materials.base import Material
 from pdpetsc.matrix import TangentMatrix
 from pdpetsc.parallel import collective
@@ -26,14 +27,20 @@ class Assembler:
     Args:
         particles: the distributed particles.
         materials: models, each on its own families.
-        loads: constraints and forces.
+        loads: constraints and forces on particles.
+        tractions: on surfaces.
         timings: where the seconds of residuals and tangents are counted.
     """
 
-    def __init__(self, particles: Particles, materials: list[Material], loads: list[Load], timings: Timings):
+    def __init__(
+        self, particles: Particles, materials: list[Material], loads: list[Load], timings: Timings,
+        tractions: list[Traction] = (),
+    ):  # fmt: skip
         self.timings = timings
         self.particles = particles
         self.materials = materials
+        self.tractions = tractions
+        self._followers = [traction for traction in tractions if traction.follower]
         self._constraints = [load for load in loads if isinstance(load, Constraint)]
         self._forces = [load for load in loads if not isinstance(load, Constraint)]
         shape = (particles.owned, particles.dim)
@@ -44,7 +51,7 @@ class Assembler:
         self._free[: particles.owned] = ~self.constrained
         particles.exchange.forward(self._free)
         self.prescribed = np.zeros(shape)
-        self.external = np.zeros(shape)
+        self._external = np.zeros(shape)
         self.constraint_scale = self._typical_diagonal()
         self.spacing = self.mpi.allreduce(float(particles.spacing[: particles.owned].sum())) / particles.count
         """Mean of the particles'."""
@@ -67,7 +74,7 @@ class Assembler:
     @property
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric."""
-        return all(material.symmetric for material in self.materials)
+        return not self._followers and all(material.symmetric for material in self.materials)
 
     def _typical_diagonal(self) -> float:
         p = self.particles
@@ -78,12 +85,30 @@ class Assembler:
 
     def set_time(self, time: float) -> None:
         """Prescribed values and external forces at a time (collective)."""
-        self.external[:] = 0
+        self._external[:] = 0
         with collective(self.mpi):
             for constraint in self._constraints:
                 self.prescribed[constraint.entries] = constraint.values(time)
             for load in self._forces:
-                load.add(time, self.external)
+                load.add(time, self._external)
+            for traction in self.tractions:
+                traction.set_time(time)
+
+    def unload(self) -> None:
+        """No external forces, until the next `set_time`."""
+        self._external[:] = 0
+        for traction in self.tractions:
+            traction.unload()
+
+    def external_force(self, u: np.ndarray) -> np.ndarray:
+        """External forces on the owned particles, (owned, dim), at owned displacements (collective)."""
+        if not self.tractions:
+            return self._external
+        local = self.localise(u)
+        force = np.zeros_like(local)
+        for traction in self.tractions:
+            traction.add_external(local, force)
+        return self._external + self.particles.exchange.reverse_add(force)[: self.particles.owned]
 
     def vector(self) -> PETSc.Vec:
         """A global vector with one entry for each displacement component."""
@@ -117,6 +142,9 @@ class Assembler:
                 getattr(material, method)(field, result, 0, material.interior // 2)
         for material in self.materials:
             getattr(material, method)(field, result, material.interior)
+        if method == "add_action":
+            for follower in self._followers:
+                follower.add_action(field, result)
         with p.exchange.adding(result):
             for material in self.materials:
                 getattr(material, method)(field, result, material.interior // 2, material.interior)
@@ -124,12 +152,17 @@ class Assembler:
 
     def unbalanced_force(self, u: np.ndarray) -> np.ndarray:
         """dW/du - f_ext before the constraints; on constrained entries this is the reaction of the support."""
-        return self.internal_force(u) - self.external
+        return self._balance(u)[0]
+
+    def _balance(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """dW/du - f_ext, and f_ext."""
+        external = self.external_force(u)
+        return self.internal_force(u) - external, external
 
     def residual_array(self, u: np.ndarray) -> np.ndarray:
         """r(u) on the owned particles, (owned, dim)."""
-        r = self.unbalanced_force(np.where(self.constrained, self.prescribed, u))
-        self._square_scale = float((self.external**2).sum() + (r[self.constrained] ** 2).sum())
+        r, external = self._balance(np.where(self.constrained, self.prescribed, u))
+        self._square_scale = float((external**2).sum() + (r[self.constrained] ** 2).sum())
         r[self.constrained] = self.constraint_scale * (u - self.prescribed)[self.constrained]
         return r
 
@@ -158,8 +191,8 @@ class Assembler:
     def linearise(self, u: np.ndarray) -> None:
         """Prepare `action`, `diagonal` and the assembled tangent at owned displacements."""
         local = self.localise(u)
-        for material in self.materials:
-            material.linearise(local)
+        for element in (*self.materials, *self._followers):
+            element.linearise(local)
 
     def action(self, du: np.ndarray) -> np.ndarray:
         """K du of the last `linearise` on owned particles, without constraints (columns and rows complete)."""
@@ -175,8 +208,8 @@ class Assembler:
         """Diagonal blocks of the constrained tangent of the last `linearise`, (owned, dim, dim)."""
         p, dim = self.particles, self.dim
         blocks = np.zeros((p.local, dim, dim))
-        for material in self.materials:
-            material.add_diagonal(blocks)
+        for element in (*self.materials, *self._followers):
+            element.add_diagonal(blocks)
         blocks = p.exchange.reverse_add(blocks)[: p.owned]
         free = self._free[: p.owned]
         blocks *= free[:, :, None] * free[:, None, :]
@@ -187,8 +220,10 @@ class Assembler:
         """The PETSc matrix of the tangent, its pattern made on first use."""
         if self._matrix is None:
             with self.timings("first_tangent"):
+                alone = np.full(self.particles.local, -1, np.int32)  # points of surfaces are no particles
                 self._sparsity, self._matrix = self.new_matrix(
                     [Part(m.network, m.dual, m.own, m.couples_family) for m in self.materials]
+                    + [Part(f.surface.families, f.surface.dual, alone, True) for f in self._followers]
                 )
         return self._matrix.mat
 
@@ -223,7 +258,9 @@ class Assembler:
         mat = self.matrix()
         with self.timings("tangent" if self._filled else "first_tangent"):
             self.linearise(u)
-            self.fill(self._sparsity, self._matrix, [m.add_rows for m in self.materials], self.symmetric)
+            self.fill(
+                self._sparsity, self._matrix, [e.add_rows for e in (*self.materials, *self._followers)], self.symmetric
+            )
             self._filled = True
         return mat
 

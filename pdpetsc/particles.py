@@ -13,6 +13,35 @@ from pdpetsc.exchange import Directory, Exchange, swap
 
 
 @dataclass
+class Facets:
+    """Pieces of a body's surface, where tractions act: collocation points (seed 003 section 4.1).
+
+    Attributes:
+        parent: id of the particle whose cell each belongs to (its local index once distributed).
+        face: number of the face of the box (body/box.py).
+        position: (n, dim) reference position [length].
+        area: (n, dim) outward area vector N A [length^2; the thickness or cross-section is included].
+    """
+
+    parent: np.ndarray
+    face: np.ndarray
+    position: np.ndarray
+    area: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.parent)
+
+    def chosen(self, mask: np.ndarray) -> "Facets":
+        """Those of a mask or of numbers."""
+        return Facets(self.parent[mask], self.face[mask], self.position[mask], self.area[mask])
+
+    @classmethod
+    def none(cls, dim: int) -> "Facets":
+        """No facets."""
+        return cls(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, dim)), np.empty((0, dim)))
+
+
+@dataclass
 class Points:
     """A part of a body, before distribution: any rank holds any particles, the ids are global and dense.
 
@@ -22,6 +51,7 @@ class Points:
         volume: (n,) [length^3; in 2D the thickness, in 1D the area is included].
         spacing: (n,) local particle spacing [length].
         horizon: (n,) delta [length].
+        facets: of the same rank's particles, where tractions are to act.
     """
 
     id: np.ndarray
@@ -29,6 +59,7 @@ class Points:
     volume: np.ndarray
     spacing: np.ndarray
     horizon: np.ndarray
+    facets: Facets | None = None
 
 
 @dataclass
@@ -42,6 +73,7 @@ class Particles:
         neighbours: ranks that share ghosts with this one.
         mirrors: for each of `neighbours`, the owned particles that are its ghosts, in its order.
         ghost_ranges: for each of `neighbours`, the slice of local indices of the ghosts that it owns.
+        facets: of owned particles, by parent and face; all particles within the parent's horizon of one are local.
     """
 
     comm: PETSc.Comm
@@ -57,6 +89,7 @@ class Particles:
     mirrors: list[np.ndarray]
     ghost_ranges: list[slice]
     exchange: Exchange
+    facets: Facets
 
     @property
     def dim(self) -> int:
@@ -166,13 +199,32 @@ def _cut(work: np.ndarray, parts: int) -> np.ndarray:
 
 
 def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
-    """The points that this rank owns, sorted by id. DMSwarm of type BASIC: it reaches any rank and loses nothing."""
+    """The points that this rank owns, sorted by id, with their facets, sorted by parent and face."""
     dim = points.position.shape[1]
+    vector, number, scalar = (dim, PETSc.ScalarType), (1, PETSc.IntType), (1, PETSc.ScalarType)
+    fields = {"id": number, "position": vector, "volume": scalar, "spacing": scalar, "horizon": scalar}
+    arrived = _carry(comm, dim, points, fields, owner)
+    order = np.argsort(arrived["id"], kind="stable")
+    result = Points(**{name: values[order] for name, values in arrived.items()})
+    result.facets = Facets.none(dim)
+    facets = points.facets
+    if facets is not None:
+        order = np.argsort(points.id, kind="stable")
+        parent = order[np.searchsorted(points.id[order], facets.parent)]
+        fields = {"parent": number, "face": number, "position": vector, "area": vector}
+        arrived = _carry(comm, dim, facets, fields, owner[parent])
+        order = np.lexsort((arrived["face"], arrived["parent"]))
+        arrived["parent"] = np.searchsorted(result.id, arrived["parent"])
+        result.facets = Facets(**{name: values[order] for name, values in arrived.items()})
+    return result
+
+
+def _carry(comm, dim: int, things, fields: dict, owner: np.ndarray) -> dict[str, np.ndarray]:
+    """What arrives here when every rank sends these fields of its things to their owners. DMSwarm of type BASIC: it
+    reaches any rank and loses nothing."""
     swarm = PETSc.DMSwarm().create(comm)
     swarm.setDimension(dim)
     swarm.setType(PETSc.DMSwarm.Type.BASIC)
-    fields = {"id": (1, PETSc.IntType), "position": (dim, PETSc.ScalarType)}
-    fields |= {name: (1, PETSc.ScalarType) for name in ("volume", "spacing", "horizon")}
     for name, (size, kind) in fields.items():
         swarm.registerField(name, size, dtype=kind)
     swarm.finalizeFieldRegister()
@@ -185,25 +237,27 @@ def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
     def get(name, size):
         values = swarm.getField(name).reshape(-1, size).copy()
         swarm.restoreField(name)
-        return values if size > 1 or name == "position" else values[:, 0]
+        return values if size > 1 or name in ("position", "area") else values[:, 0]
 
     for name in fields:
-        put(name, getattr(points, name))
+        put(name, getattr(things, name))
     put("DMSwarm_rank", owner)
     swarm.migrate(remove_sent_points=True)
     arrived = {name: get(name, size) for name, (size, _) in fields.items()}
     swarm.destroy()
-    order = np.argsort(arrived["id"], kind="stable")
-    return Points(**{name: values[order] for name, values in arrived.items()})
+    return arrived
 
 
 def _with_ghosts(comm, points: Points, tolerance: float) -> Particles:
-    """Add the ghosts: what lies within the largest horizon of the particles that a rank owns."""
+    """Add the ghosts: what lies within the largest horizon of the particles that a rank owns, and of their facets."""
     mpi = comm.tompi4py()
     owned, dim = points.position.shape
+    facets = points.facets
     box = np.full(2 * dim + 1, np.nan)
     if owned:
-        box = np.concatenate([points.position.min(axis=0), points.position.max(axis=0), [points.horizon.max()]])
+        away = np.linalg.norm(facets.position - points.position[facets.parent], axis=1)
+        farthest = max(points.horizon.max(), (away + points.horizon[facets.parent]).max(initial=0.0))
+        box = np.concatenate([points.position.min(axis=0), points.position.max(axis=0), [farthest]])
     boxes = np.empty((comm.size, 2 * dim + 1))
     mpi.Allgather(box, boxes)
     low, high, reach = boxes[:, :dim], boxes[:, dim:-1], boxes[:, -1] * (1 + tolerance + 1e-9)
@@ -244,5 +298,6 @@ def _with_ghosts(comm, points: Points, tolerance: float) -> Particles:
         mirrors=mirrors,
         ghost_ranges=[slice(int(a), int(b)) for a, b in pairwise(ends)],
         exchange=exchange,
+        facets=facets,
         **{name: local(getattr(points, name)) for name in ("id", "position", "volume", "spacing", "horizon")},
     )

@@ -68,10 +68,10 @@ class Recovery:
         """Stored energy per reference volume [energy/volume]."""
         return self.family_energy / self._assembler.particles.volume[: len(self.u)]
 
-    @property
+    @cached_property
     def external(self) -> np.ndarray:
         """External force on each particle, (owned, dim) [force]."""
-        return self._assembler.external
+        return self._assembler.external_force(self.u)
 
     @cached_property
     def _unbalanced(self) -> np.ndarray:
@@ -91,7 +91,7 @@ class Recovery:
         absolute values: zero to rounding in equilibrium (collective)."""
         p = self._assembler.particles
         loads = np.zeros((p.owned, 3))
-        loads[:, : p.dim] = self._assembler.external + self.reaction
+        loads[:, : p.dim] = self.external + self.reaction
         x = np.zeros((p.owned, 3))
         x[:, : p.dim] = p.position[: p.owned] + self.u
         moments = np.cross(x, loads)

@@ -13,6 +13,7 @@ from pdpetsc.assembly import Assembler
 from pdpetsc.body.box import box, horizon_field
 from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
+from pdpetsc.body.surfaces import on_surface
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK, take_census
@@ -21,10 +22,11 @@ from pdpetsc.expressions import Expression
 from pdpetsc.grading import warn_thin_zones
 from pdpetsc.influence import INFLUENCE, Influence, bond_weights
 from pdpetsc.loads.base import Load, Site
+from pdpetsc.loads.traction import TRANSFER, Surface, Traction
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
 from pdpetsc.parallel import collective, warn
-from pdpetsc.particles import Particles, distribute
+from pdpetsc.particles import Facets, Particles, distribute
 from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
 from pdpetsc.solvers.linear import describe_linear_solver
@@ -90,7 +92,8 @@ class Simulation:
             self.materials = _materials(case, p, self.families, interior, sets)
             self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
             loads = _loads(case, p, sets)
-            self.assembler = Assembler(p, self.materials, loads, self.timings)
+            tractions = _tractions(case, p, self.materials)
+            self.assembler = Assembler(p, self.materials, loads, self.timings, tractions)
         for k, probe in enumerate(self.probes):
             if not probe.reached:
                 raise InputError(
@@ -138,7 +141,7 @@ class Simulation:
             if self.rows:
                 self.assembler.set_time(self.state.time)  # the loads of the last committed state again
             else:
-                self.assembler.external[:] = 0
+                self.assembler.unload()
         for observer in self.observers:
             observer.finish(self)
         if failure:
@@ -229,9 +232,22 @@ class Simulation:
 
 
 def _particles(comm: PETSc.Comm, case: Case) -> Particles:
+    """The distributed particles, with those facets on which a traction acts."""
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
-    return distribute(comm, box(mpi, body, body.keep, horizon), body.horizon_tolerance)
+    loaded = {load.surface for load in case.load if _is_traction(load)}
+    points = box(mpi, body, body.keep, horizon, bool(loaded))
+    if loaded:
+        facets = points.facets
+        with collective(mpi):
+            spacing = points.spacing[facets.parent - points.id[:1].sum()]
+            chosen = [on_surface(facets, spacing, name, case.surfaces) for name in sorted(loaded)]
+        points.facets = facets.chosen(np.any(chosen, axis=0))
+    return distribute(comm, points, body.horizon_tolerance)
+
+
+def _is_traction(load) -> bool:
+    return getattr(load, "surface", None) is not None
 
 
 def _expected_blocks(case: Case) -> float | None:
@@ -295,7 +311,44 @@ def _materials(case: Case, p: Particles, families: Families, interior: int, sets
 def _loads(case: Case, p: Particles, sets: Sets) -> list[Load]:
     loads = []
     for spec in case.load:
-        members = np.flatnonzero(sets[spec.set])
-        site = Site(p.comm.tompi4py(), members, p.position[members], p.volume[members], p.spacing[members], spec.value)
-        loads.append(Load.kinds[spec.kind](site, spec))
+        if not _is_traction(spec):
+            members = np.flatnonzero(sets[spec.set])
+            place = p.position[members], p.volume[members], p.spacing[members]
+            loads.append(Load.kinds[spec.kind](Site(p.comm.tompi4py(), members, *place, spec.value), spec))
     return loads
+
+
+def _tractions(case: Case, p: Particles, materials: list[Material]) -> list[Traction]:
+    """The tractions of the case; several on one surface share its points."""
+    mpi, surfaces, tractions = p.comm.tompi4py(), {}, []
+    for number, spec in enumerate(case.load):
+        if not _is_traction(spec):
+            continue
+        if (spec.surface, spec.transfer) not in surfaces:
+            with collective(mpi):
+                spacing = p.spacing[p.facets.parent]
+                facets = p.facets.chosen(on_surface(p.facets, spacing, spec.surface, case.surfaces))
+            if not mpi.allreduce(len(facets)):
+                remedy = "" if case.body.fitted else "; the border of body.keep is a surface with body.fitted = true"
+                raise InputError(f"load.{number}.surface: nothing of the body lies on {spec.surface!r}{remedy}")
+            with collective(mpi):
+                surface = _surface(p, facets, materials, spec.transfer, f"load.{number}.surface")
+                surfaces[spec.surface, spec.transfer] = surface
+        axes = getattr(spec, "component", ())
+        tractions.append(Traction(surfaces[spec.surface, spec.transfer], axes, spec.value, spec.follower))
+    return tractions
+
+
+def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: str, place: str) -> Surface:
+    def of_materials(parent, r):
+        alpha = np.empty(len(r))
+        for material in materials:
+            own = material.own[parent] >= 0
+            alpha[own] = material.transfer(r[own])
+        return alpha
+
+    try:
+        alpha = of_materials if transfer == "cut_bonds" else lambda parent, r: TRANSFER[transfer](r)
+        return Surface(facets, p.position, p.volume, p.horizon, p.spacing, alpha)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None

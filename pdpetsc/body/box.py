@@ -1,4 +1,5 @@
-"""Lattice bodies: a line, a rectangle or a block of cells, with one particle in the middle of each or several."""
+"""Lattice bodies: a line, a rectangle or a block of cells, with one particle in the middle of each or several, or of
+vertices, with a particle on each."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -8,12 +9,16 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from pdpetsc.body.border import Cut, cut_cells
 from pdpetsc.errors import InputError
 from pdpetsc.parallel import collective, warn
-from pdpetsc.particles import Points
+from pdpetsc.particles import Facets, Points
 
 FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
 """Faces of a box: axis and side (0: towards smaller coordinates)."""
+
+BORDER = len(FACES)
+"""What stands for the border of `keep` among the numbers of the faces."""
 
 NAMES = ("X", "Y", "Z")
 
@@ -35,8 +40,11 @@ def layer_rows(width: float, cell: float) -> int:
 class Lattice:
     """The cells of a box and of its layers, x fastest, before any particle is made.
 
+    With particles on vertices a cell is what is nearest to its vertex: half of one on a side of the box, a quarter or
+    an eighth in corners (seed 003 Fig. 2).
+
     Attributes:
-        body: size, spacing, origin, thickness, refine of the case's `[body]`.
+        body: size, spacing, origin, thickness, refine, particles, fitted of the case's `[body]`.
         keep: condition of X, Y, Z, spacing that tells which particles exist, or None.
         cell: (dim,) widths of a cell [length].
         counts: (dim,) cells in each direction, those of layers included.
@@ -64,14 +72,14 @@ class Lattice:
                 f"body.size: {list(body.size)} is not a multiple of the spacing {body.spacing:g}; "
                 f"the nearest lattice has {' x '.join(map(str, inner))} cells of {_widths(cell)}"
             )
-        alone = cls(body, keep, cell, inner, np.zeros_like(inner))
+        alone = cls(body, keep, cell, inner + (body.particles == "vertices"), np.zeros_like(inner))
         _check_number(body, alone.cells)
         extra = np.zeros((len(size), 2), np.int64)
         for face, width in body.layers.items():
             axis, side = FACES[face]
             reach = alone.largest_horizon(face, horizon) if width.in_horizons else 0.0
             extra[axis, side] = layer_rows(width.length(reach), cell[axis])
-        lattice = cls(body, keep, cell, inner + extra.sum(axis=1), -extra[:, 0])
+        lattice = cls(body, keep, cell, alone.counts + extra.sum(axis=1), -extra[:, 0])
         _check_number(body, lattice.cells)
         return lattice
 
@@ -88,6 +96,10 @@ class Lattice:
         """Of the particles of undivided cells [length]."""
         return float(np.prod(self.cell) ** (1 / self.dim))
 
+    def middles(self, index: np.ndarray) -> np.ndarray:
+        """Where the particles (n, dim) of undivided cells are."""
+        return np.array(self.body.origin) + (index + (0.5 if self.body.particles == "cells" else 0.0)) * self.cell
+
     def indices(self, numbers: np.ndarray) -> np.ndarray:
         """Indices (n, dim) of the cells with these numbers."""
         return np.stack(np.unravel_index(numbers, self.counts, order="F"), axis=1) + self.first
@@ -96,7 +108,7 @@ class Lattice:
         """Particles along an edge of each cell, as floating-point numbers that may be too large for an integer."""
         if self.body.refine is None:
             return np.ones(len(index))
-        position = np.array(self.body.origin) + (index + 0.5) * self.cell
+        position = self.middles(index)
         values = self.body.refine(**coordinates(position, np.full(len(position), self.spacing)))
         bad = np.flatnonzero(values < 1 - 1e-6)
         if len(bad):
@@ -106,25 +118,84 @@ class Lattice:
             )
         return np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
 
-    def points(self, index: np.ndarray, division: np.ndarray, horizon) -> Points:
+    def points(self, index: np.ndarray, division: np.ndarray, horizon, facets: bool = False) -> Points:
         """The particles of these cells that are kept, with the row of their cell in `index` as id.
+
+        Args:
+            index: (n, dim) the cells.
+            division: (n,) particles along an edge of each.
+            horizon: function of (position, spacing).
+            facets: whether the pieces of the body's surface are wanted as well.
 
         Raises:
             InputError: a horizon is not greater than 0.
         """
-        offset, cell = _divide(index, division.astype(np.int64))
-        position, spacing = np.array(self.body.origin) + offset * self.cell, self.spacing / division[cell]
-        if self.keep is not None:
+        division = division.astype(np.int64)
+        position, cell = _divide(index, division, self)
+        spacing = self.spacing / division[cell]
+        half = self.cell / division[cell, None] / 2
+        low, high, outermost = position - half, position + half, self._outermost(index[cell], position, half)
+        volume = np.prod(self.cell) * self.body.thickness / division[cell] ** self.dim
+        if self.body.particles == "vertices":
+            low, high = np.where(outermost[..., 0], position, low), np.where(outermost[..., 1], position, high)
+            volume = volume / 2.0 ** outermost.sum(axis=(1, 2))
+        cut = None
+        if self.keep is None:
+            kept = slice(None)
+        elif self.body.fitted:
+            cut = cut_cells(lambda X, row: self.keep.mask(**coordinates(X, spacing[row])), low, high, outermost)
+            kept = cut.share > 0
+        else:
             kept = self.keep.mask(**coordinates(position, spacing))
-            position, spacing, cell = position[kept], spacing[kept], cell[kept]
-        horizons = horizon(position, spacing)
+        if cut:
+            position = np.where((cut.share < 1)[:, None], cut.middle, position)
+            volume = volume * cut.share
+        place, size = position[kept], spacing[kept]
+        horizons = horizon(place, size)
         if np.any(horizons <= 0):
             raise InputError(
-                f"body.horizon: is {horizons.min():g} at ({_place(position[np.argmin(horizons)])}); "
+                f"body.horizon: is {horizons.min():g} at ({_place(place[np.argmin(horizons)])}); "
                 "it must be greater than 0"
             )
-        volume = np.prod(self.cell) * self.body.thickness / division[cell] ** self.dim
-        return Points(cell, position, volume, spacing, horizons)
+        points = Points(cell[kept], place, volume[kept], size, horizons)
+        if facets:
+            number = np.full(len(position), -1)
+            number[kept] = np.arange(len(place))
+            points.facets = self._facets(number, low, high, outermost, cut)
+        return points
+
+    def _outermost(self, index: np.ndarray, position: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """Which sides of the particles' cells are sides of the lattice, (n, dim, 2)."""
+        if self.body.particles == "vertices":
+            return np.stack([index == self.first, index == self.first + self.counts - 1], axis=-1)
+        low = np.array(self.body.origin) + self.first * self.cell
+        high = low + self.counts * self.cell
+        return np.stack([position - 1.5 * half < low, position + 1.5 * half > high], axis=-1)
+
+    def _facets(self, number, low, high, outermost, cut: Cut | None) -> Facets:
+        """The sides of kept cells on the sides of the lattice, and the pieces of border in cut ones."""
+        dim, thickness = self.dim, self.body.thickness
+        parents, codes, points, areas = [], [], [], []
+        for face, (axis, side) in FACES.items():
+            if axis >= dim:
+                continue
+            rows = np.flatnonzero(outermost[:, axis, side] & (number >= 0))
+            point = (low + high)[rows] / 2
+            point[:, axis] = (high if side else low)[rows, axis]
+            area = np.zeros((len(rows), dim))
+            area[:, axis] = (2 * side - 1) * np.delete((high - low)[rows], axis, axis=1).prod(axis=1)
+            parents.append(number[rows])
+            codes.append(np.full(len(rows), list(FACES).index(face)))
+            points.append(point)
+            areas.append(area)
+        if cut:
+            parents.append(number[cut.row])
+            codes.append(np.full(len(cut.row), BORDER))
+            points.append(cut.point)
+            areas.append(cut.area)
+        return Facets(
+            *(np.concatenate(values) for values in (parents, codes, points)), np.concatenate(areas) * thickness
+        )
 
     def largest_horizon(self, face: str, horizon) -> float:
         """The largest horizon at a face: of a particle in the middle of each of the cells along it that are kept."""
@@ -135,7 +206,7 @@ class Lattice:
         for numbers in blocks_of(math.prod(map(int, counts))):
             index = np.stack(np.unravel_index(numbers, counts, order="F"), axis=1)
             index[:, axis] = side * (self.counts[axis] - 1)
-            position = np.array(self.body.origin) + (index + 0.5) * self.cell
+            position = self.middles(index)
             spacing = self.spacing / self.divisions(index)
             if self.keep is not None:
                 kept = self.keep.mask(**coordinates(position, spacing))
@@ -150,7 +221,7 @@ def blocks_of(count: int) -> Iterator[np.ndarray]:
         yield np.arange(first, min(count, first + BLOCK))
 
 
-def box(comm, body, keep, horizon) -> Points:
+def box(comm, body, keep, horizon, facets: bool = False) -> Points:
     """This rank's share of the particles of a box.
 
     A cell that `body.refine` gives r is cut into r^dim equal ones, r along each edge, with a particle in the middle of
@@ -165,6 +236,7 @@ def box(comm, body, keep, horizon) -> Points:
         body: size, spacing, origin, thickness, layers, refine of the case's `[body]`.
         keep: condition of X, Y, Z, spacing that tells which particles exist, or None.
         horizon: function of (position, spacing) that gives each particle's horizon.
+        facets: whether the pieces of the body's surface are wanted as well.
 
     Raises:
         InputError: the body has no particle, its size is no multiple of its spacing, or a cell has no division.
@@ -178,12 +250,14 @@ def box(comm, body, keep, horizon) -> Points:
         division = lattice.divisions(index)
     _check_number(body, comm.allreduce(float((division**lattice.dim).sum())))
     with collective(comm):
-        points = lattice.points(index, division, horizon)
+        points = lattice.points(index, division, horizon, facets)
     n = len(points.position)
     begin = comm.scan(n) - n
     if comm.allreduce(n) == 0:
         raise InputError("body.keep: no particle is left; the condition is false everywhere")
     points.id = np.arange(begin, begin + n)
+    if facets:
+        points.facets.parent += begin
     return points
 
 
@@ -210,8 +284,8 @@ def horizon_field(body, materials: dict, sets: dict) -> Callable[[np.ndarray, np
     return horizon
 
 
-def _divide(index: np.ndarray, division: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of the parts of all cells, in cell widths from the body's origin, and the row of each part's cell.
+def _divide(index: np.ndarray, division: np.ndarray, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of the parts of all cells, and the row of each part's cell.
 
     Args:
         index: (n, dim) the cells.
@@ -223,7 +297,7 @@ def _divide(index: np.ndarray, division: np.ndarray) -> tuple[np.ndarray, np.nda
     number = np.arange(len(cell)) - np.repeat(np.cumsum(parts) - parts, parts)
     r = division[cell]
     inside = np.stack([number // r**k % r for k in range(dim)], axis=1)
-    return index[cell] + (inside + 0.5) / r[:, None], cell
+    return lattice.middles(index[cell] + (2 * inside + 1 - r[:, None]) / (2 * r[:, None])), cell
 
 
 def _check_number(body, particles: float) -> None:

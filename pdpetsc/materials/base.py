@@ -113,6 +113,8 @@ class Material:
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
     follows_bonds = False
     """Whether the tangent depends on the current bonds, not only on what a family remembers."""
+    force_power = 1
+    """q of the forces w(r) r^q of bonds of length r delta in a state of equal stretch."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
 
@@ -143,6 +145,24 @@ class Material:
             InputError: a family on which the model is not defined (on this rank only).
         """
         raise NotImplementedError
+
+    def transfer(self, r: np.ndarray) -> np.ndarray:
+        """alpha(r), the weight with which a traction at distance r delta enters the material: what the bonds through
+        there would carry that a surface has cut (docs/theory/traction.md),
+
+            alpha(r) = r^(1 - n) integral from r to 1 of w(s) s^(q + n - 1) ds
+
+        In 1D that is seed 003 Eq. 22-24: 1 - r for prototype microelastic bonds of constant influence (q = 0) and (1 -
+        r^2)/2 for the other models (q = 1).
+
+        Args:
+            r: distances in horizons, above 0 and up to 1.
+        """
+        n = self._part.dim
+        x, weights = np.polynomial.legendre.leggauss(8)
+        s = r[:, None] + (1 - r)[:, None] * (x + 1) / 2
+        forces = self._part.influence(s) * s ** (self.force_power + n - 1)
+        return r ** (1 - n) * (1 - r) / 2 * (forces @ weights)
 
     def choices(self) -> dict:
         """Model switches for summary.json; among them `quadrature` and `surface_correction` where there is a choice."""

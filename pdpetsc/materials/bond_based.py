@@ -66,6 +66,7 @@ class BondBased(Ordinary):
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
         n, families = part.dim, part.families
+        self.force_power = 0 if microelastic == "prototype" else 1
         power = n if microelastic == "prototype" else n + 1  # of r in the integral of w(r) over the horizon
         weight = part.weight.copy()
         if microelastic == "prototype":

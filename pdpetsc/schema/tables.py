@@ -26,11 +26,13 @@ from pdpetsc.schema.values import (
     Name,
     Positive,
     SetName,
+    SurfaceName,
     Vector,
     formula,
     known_face,
     layer_width,
     new_set,
+    new_surface,
     option_name,
     option_value,
     unit_normal,
@@ -80,7 +82,9 @@ class Body(Table):
     origin: Annotated[Vector, BeforeValidator(zeros_if_missing)] = Field(None, validate_default=True)
     horizon: Horizon
     horizon_tolerance: Annotated[float, Field(gt=-0.1, lt=0.1)] = HORIZON_TOLERANCE
+    particles: Literal["cells", "vertices"] = "cells"
     keep: Condition | None = None
+    fitted: bool = False
     refine: formula() | None = None
     cracks: Annotated[tuple[Crack, ...], Strict(False)] = ()
     layers: dict[Annotated[str, AfterValidator(known_face)], Annotated[LayerWidth, PlainValidator(layer_width)]] = {}
@@ -93,6 +97,10 @@ class Body(Table):
     def _check(self):
         if self.dim == 3 and "thickness" in self.model_fields_set:
             raise ValueError("a body of three dimensions has no thickness")
+        if self.fitted and self.keep is None:
+            raise ValueError("fitted = true fits particles to the border of keep, which is not given")
+        if self.particles == "vertices" and self.refine is not None:
+            raise ValueError('refine divides cells, so it goes with particles = "cells"')
         return self
 
 
@@ -111,6 +119,17 @@ class ParticleSet(Table):
     def _check(self):
         exactly_one(self, "where", "nearest")
         return self
+
+
+class Surface(Table):
+    """The pieces of the body's surface that meet a condition. A plain text is one."""
+
+    where: formula(condition=True, of_surface=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_text(cls, value: Any) -> Any:
+        return {"where": value} if isinstance(value, str) else value
 
 
 class _ComponentLoad(Table):
@@ -137,17 +156,44 @@ class Force(_ComponentLoad):
     kind: Literal["force"]
 
 
+Transfer = Literal["cut_bonds", "linear", "quadratic"]
+
+
+class Traction(Table):
+    """Force per area on a surface."""
+
+    kind: Literal["traction"]
+    surface: SurfaceName
+    component: Axes
+    value: formula("t", of_surface=True)
+    follower: bool = True
+    transfer: Transfer = "cut_bonds"
+
+
 class Pressure(Table):
-    """Pressure on a layer of particles, against the outward normal."""
+    """Pressure on a surface, or on a layer of particles against the outward normal."""
 
     kind: Literal["pressure"]
-    set: SetName
-    normal: Annotated[tuple[float, ...], PlainValidator(unit_normal)]
+    surface: SurfaceName | None = None
+    set: SetName | None = None
+    normal: Annotated[tuple[float, ...], PlainValidator(unit_normal)] | None = None
     value: formula("t")
     width: Positive | None = None
+    follower: bool = True
+    transfer: Transfer = "cut_bonds"
+
+    @model_validator(mode="after")
+    def _check(self):
+        exactly_one(self, "surface", "set")
+        if self.surface is None and self.normal is None:
+            raise error_at("normal", "a pressure on a set of particles needs its outward normal")
+        of_other = ("follower", "transfer") if self.surface is None else ("normal", "width")
+        if wrong := [key for key in of_other if key in self.model_fields_set]:
+            raise error_at(wrong[0], f"goes with {'surface' if self.surface is None else 'set'}")
+        return self
 
 
-Load = Displacement | BodyForce | Force | Pressure
+Load = Displacement | BodyForce | Force | Traction | Pressure
 LOAD_KINDS = [get_args(load.model_fields["kind"].annotation)[0] for load in get_args(Load)]
 
 
@@ -194,6 +240,7 @@ class Description(Table):
     units: Units = Units()
     body: Body
     sets: dict[Annotated[Name, AfterValidator(new_set)], ParticleSet] = {}
+    surfaces: dict[Annotated[Name, AfterValidator(new_surface)], Surface] = {}
     material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Solver = Solver()

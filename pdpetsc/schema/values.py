@@ -14,6 +14,7 @@ from pdpetsc.schema.table import Table, exactly_one
 
 AXES = ("x", "y", "z")
 COORDINATES = ("X", "Y", "Z")
+NORMALS = ("NX", "NY", "NZ")
 FACES = ("left", "right", "bottom", "top", "back", "front")  # two for each direction, the lower one first
 
 
@@ -22,22 +23,27 @@ class Setting(NamedTuple):
 
     dim: int
     sets: tuple[str, ...]
+    surfaces: tuple[str, ...]
 
 
 def setting_of(document: dict) -> Setting:
     """Find dimension and sets in tables that may still be wrong anywhere."""
-    body, sets = document.get("body"), document.get("sets")
+    body, sets, surfaces = (document.get(key) for key in ("body", "sets", "surfaces"))
     size = body.get("size") if isinstance(body, dict) else None
     dim = len(size) if isinstance(size, list) and 1 <= len(size) <= 3 else 3
-    return Setting(dim, ("all", *sets) if isinstance(sets, dict) else ("all",))
+    names = [tuple(named) if isinstance(named, dict) else () for named in (sets, surfaces)]
+    return Setting(dim, ("all", *names[0]), (*FACES[: 2 * dim], "border", *names[1]))
 
 
-def formula(*more_names: str, condition: bool = False):
-    """Return the type of a number or expression in the reference coordinates, the spacing and further variables."""
+def formula(*more_names: str, condition: bool = False, of_surface: bool = False):
+    """Return the type of a number or expression in the reference coordinates, the spacing, the normal where it is one
+    `of_surface`, and further variables."""
 
     def parse(value: Any, info: ValidationInfo) -> Expression:
+        dim = info.context.dim
+        normal = NORMALS[:dim] if of_surface else ()
         try:
-            expression = Expression(value, [*COORDINATES[: info.context.dim], "spacing", *more_names])
+            expression = Expression(value, [*COORDINATES[:dim], *normal, "spacing", *more_names])
         except InputError as error:
             raise ValueError(str(error)) from None
         if expression.is_condition and not condition:
@@ -58,6 +64,19 @@ def valid_name(value: str) -> str:
 def new_set(value: str) -> str:
     if value == "all":
         raise ValueError("the set 'all' is always there and cannot be another")
+    return value
+
+
+def new_surface(value: str) -> str:
+    if value in (*FACES, "border"):
+        raise ValueError(f"the surface {value!r} is always there and cannot be another")
+    return value
+
+
+def known_surface(value: str, info: ValidationInfo) -> str:
+    if value not in info.context.surfaces:
+        choices = info.context.surfaces
+        raise ValueError(f"there is no surface {value!r}{hint(value, choices)}; choices: {', '.join(choices)}")
     return value
 
 
@@ -147,6 +166,7 @@ Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
 Name = Annotated[str, AfterValidator(valid_name)]
 SetName = Annotated[str, AfterValidator(known_set)]
+SurfaceName = Annotated[str, AfterValidator(known_surface)]
 Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
 Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
 FieldName = Literal[*QUANTITIES]

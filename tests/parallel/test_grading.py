@@ -20,7 +20,14 @@ def refined(size, refine, factor=3.015, keep=None, alone=False):
     """A box with cells of width 1."""
     names = [*"XYZ"[: len(size)], "spacing"]
     body = SimpleNamespace(
-        size=size, spacing=1.0, origin=[0.0] * len(size), thickness=1.0, layers={}, refine=Expression(refine, names)
+        size=size,
+        spacing=1.0,
+        origin=[0.0] * len(size),
+        thickness=1.0,
+        layers={},
+        particles="cells",
+        fitted=False,
+        refine=Expression(refine, names),
     )
     keep = None if keep is None else Expression(keep, names)
     petsc = PETSc.COMM_SELF if alone else PETSc.COMM_WORLD

@@ -28,7 +28,14 @@ GRADED = {  # size in cells of width 1, refine
 def graded(size, refine, comm=PETSc.COMM_WORLD):
     names = [*"XYZ"[: len(size)], "spacing"]
     body = SimpleNamespace(
-        size=size, spacing=1.0, origin=[0.0] * len(size), thickness=1.0, layers={}, refine=Expression(refine, names)
+        size=size,
+        spacing=1.0,
+        origin=[0.0] * len(size),
+        thickness=1.0,
+        layers={},
+        particles="cells",
+        fitted=False,
+        refine=Expression(refine, names),
     )
     return distribute(comm, box(comm.tompi4py(), body, None, lambda X, spacing: 3 * spacing))
 

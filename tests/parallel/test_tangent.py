@@ -255,7 +255,7 @@ def test_residual_is_pure(comm):
     a.assemble(0.3 * u)
     assert np.array_equal(a.residual_array(u), r)
     assert np.isfinite(r).all()
-    assert not a.external.any()
+    assert not a.external_force(np.zeros((a.particles.owned, a.dim))).any()
 
 
 @every_model

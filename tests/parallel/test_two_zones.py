@@ -32,7 +32,15 @@ def two_zones(dim: int):
     names = [*"XYZ"[:dim], "spacing"]
     refine = Expression(f"where(X > {INTERFACE[dim]}, {RATIO[dim]}, 1)", names)
     body = SimpleNamespace(
-        size=SIZE[dim], spacing=1.0, origin=[0.0] * dim, thickness=1.0, layers={}, refine=refine, horizon=FACTOR[dim]
+        size=SIZE[dim],
+        spacing=1.0,
+        origin=[0.0] * dim,
+        thickness=1.0,
+        layers={},
+        particles="cells",
+        fitted=False,
+        refine=refine,
+        horizon=FACTOR[dim],
     )
     points = box(PETSc.COMM_WORLD.tompi4py(), body, None, lambda X, spacing: FACTOR[dim] * spacing)
     return distribute(PETSc.COMM_WORLD, points)
