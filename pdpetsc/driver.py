@@ -133,7 +133,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     simulation.observers = [
         ProgressTable(comm, quiet),
         History(out),
-        FieldOutput(out, case.output.every),
+        FieldOutput(out, case.output.every, case.output.written),
         Checkpoint(out, case.output.checkpoint),
     ]
     status, failure = "converged", None

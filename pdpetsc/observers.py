@@ -92,13 +92,14 @@ class History(Observer):
 class FieldOutput(Observer):
     """Fields every n steps and at the last one that was committed."""
 
-    def __init__(self, directory: Path, every: int):
+    def __init__(self, directory: Path, every: int, fields: tuple[str, ...]):
         self._directory = directory
         self._every = every
+        self._fields = fields
 
     def start(self, run):
         known = {row["step"]: row["time"] for row in run.rows}
-        self._writer = FieldWriter(self._directory, run.particles, known)
+        self._writer = FieldWriter(self._directory, run.particles, known, self._fields)
 
     def step(self, run):
         if run.state.step % self._every == 0:

@@ -6,7 +6,9 @@ from mpi4py import MPI
 from pdpetsc.body.box import coordinates
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
-from pdpetsc.recover import Recovery, component
+from pdpetsc.quantities import component
+from pdpetsc.recover import Recovery
+from pdpetsc.sections import Section
 
 REACH = 2.0
 """Particles within this many of their own spacings of a point take part in its interpolation."""
@@ -70,6 +72,9 @@ class Probe:
         spec: the case's `[[probe]]` table.
         particles: the distributed particles.
         members: mask of the owned particles of the probe's set, or None.
+
+    Raises:
+        InputError: a section outside the body (collective).
     """
 
     def __init__(self, spec, particles: Particles, members: np.ndarray | None):
@@ -77,8 +82,10 @@ class Probe:
         self._spec = spec
         self._particles = particles
         self._members = members
-        self._interpolation = None
-        if members is None:
+        self._interpolation = self._section = None
+        if spec.section is not None:
+            self._section = Section(spec.name, spec.section, particles)
+        elif members is None:
             self.points = np.array([spec.at]) if spec.at is not None else _line(*spec.line)
             self._interpolation = Interpolation(particles, self.points)
 
@@ -89,6 +96,9 @@ class Probe:
 
     def read(self, recovery: Recovery, time: float) -> float | list:
         """A number, or nested lists for lines and for fields without a component (collective)."""
+        if self._section is not None:
+            values = getattr(self._section, self._spec.field)(recovery)[None]
+            return (values if self._spec.component is None else component(values, self._spec.component))[0].tolist()
         values = recovery.field(self._spec.field)
         if self._spec.component is not None:
             values = component(values, self._spec.component)

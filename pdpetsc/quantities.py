@@ -1,8 +1,16 @@
-"""The fields of a result: what probes, files and pictures may name. `recover.FIELDS` says how each is computed."""
+"""The fields of a result: what probes, files and pictures may name, and the numbers in them.
 
+`recover.FIELDS` says how each field is computed.
+"""
+
+from itertools import product
 from typing import NamedTuple
 
+import numpy as np
+
 PRESSURE = "{force}/{length}^2"
+AXES = ("x", "y", "z")
+PRINCIPAL = ("1", "2", "3")
 
 
 class Quantity(NamedTuple):
@@ -11,19 +19,68 @@ class Quantity(NamedTuple):
     Attributes:
         rank: as a tensor, 0, 1 or 2.
         label, unit: of the number by which a picture is coloured; units by their names in `[units]`.
+        components: what its entries are called where they do not go by the axes.
+        invariants: further numbers that follow from a tensor: "von_mises", principal values.
+        cheap: whether it is written where a case does not say what is.
     """
 
     rank: int
     label: str
     unit: str = ""
+    components: tuple[str, ...] = ()
+    invariants: tuple[str, ...] = ()
+    cheap: bool = True
 
 
 QUANTITIES = {
     "u": Quantity(1, "displacement |u|", "{length}"),
     "F": Quantity(2, "deformation gradient |F - I|"),
-    "stress": Quantity(2, "von Mises stress", PRESSURE),
-    "strain": Quantity(2, "logarithmic strain |e|"),
+    "stress": Quantity(2, "von Mises stress", PRESSURE, invariants=("von_mises", *PRINCIPAL)),
+    "strain": Quantity(2, "logarithmic strain |e|", invariants=PRINCIPAL),
     "energy": Quantity(0, "strain energy density", PRESSURE),
     "reaction": Quantity(1, "reaction |r|", "{force}"),
     "force": Quantity(1, "external force |f|", "{force}"),
+    "von_mises": Quantity(0, "von Mises stress", PRESSURE),
+    "principal": Quantity(1, "largest principal stress", PRESSURE, components=PRINCIPAL),
+    "dilatation": Quantity(0, "dilatation J - 1"),
+    "peridynamic_stress": Quantity(
+        2, "von Mises peridynamic stress", PRESSURE, invariants=("von_mises", *PRINCIPAL), cheap=False
+    ),
 }
+CHEAP = tuple(name for name, quantity in QUANTITIES.items() if quantity.cheap)
+
+
+def components(field: str, dim: int) -> tuple[str, ...]:
+    """The components that a probe may choose of a field, in a body of `dim` dimensions."""
+    rank, names, further = (getattr(QUANTITIES[field], key) for key in ("rank", "components", "invariants"))
+    if rank == 0:
+        return ()
+    axes = AXES if rank == 2 else AXES[:dim]
+    return (*(names or map("".join, product(axes, repeat=rank))), "magnitude", *further)
+
+
+def component(values: np.ndarray, name: str) -> np.ndarray:
+    """One component (n,) of a vector ("x") or tensor ("xy") field, its "magnitude" (Frobenius norm), or "von_mises" or
+    a principal value ("1") of a tensor."""
+    if name == "magnitude":
+        return np.sqrt((values.reshape(len(values), -1) ** 2).sum(axis=1))
+    if name == "von_mises":
+        return von_mises(values)
+    if name in PRINCIPAL:
+        return (values if values.ndim == 2 else principal(values))[:, PRINCIPAL.index(name)]
+    return values[(slice(None), *(AXES.index(axis) for axis in name))]
+
+
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """sqrt(3/2 s:s) of the deviator s of the symmetric part, (n,) of (n, 3, 3)."""
+    symmetric = (stress + stress.transpose(0, 2, 1)) / 2
+    deviator = symmetric - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+
+
+def principal(tensor: np.ndarray) -> np.ndarray:
+    """Principal values of the symmetric part, the largest first, (n, 3) of (n, 3, 3); NaN where it is not finite."""
+    finite = np.isfinite(tensor).all(axis=(1, 2))
+    values = np.full(tensor.shape[:2], np.nan)
+    values[finite] = np.linalg.eigvalsh((tensor + tensor.transpose(0, 2, 1))[finite] / 2)[:, ::-1]
+    return values

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from pdpetsc.assembly import Assembler
+from pdpetsc.quantities import principal, von_mises
 
 
 class Recovery:
@@ -25,14 +26,15 @@ class Recovery:
         return FIELDS[name](self)
 
     @cached_property
-    def _local(self) -> np.ndarray:
+    def local(self) -> np.ndarray:
+        """(local, dim) displacements with ghosts."""
         return self._assembler.localise(self.u)
 
     def _of_families(self, method: str, shape: tuple[int, ...]) -> np.ndarray:
         """A quantity that each material gives for its own families."""
         out = np.zeros((self._assembler.particles.owned, *shape))
         for material in self._assembler.materials:
-            out[material.families.center] = getattr(material, method)(self._local)
+            out[material.families.center] = getattr(material, method)(self.local)
         return out
 
     @cached_property
@@ -49,6 +51,35 @@ class Recovery:
     def stress(self) -> np.ndarray:
         """Cauchy stress, (owned, 3, 3) [force/area]."""
         return self._of_families("cauchy_stress", (3, 3))
+
+    @cached_property
+    def dilatation(self) -> np.ndarray:
+        """J - 1 = tr H + (tr^2 H - tr H^2)/2 + det H, (owned,); no digits of small strains are lost."""
+        H = self._displacement_gradient
+        trace = np.trace(H, axis1=1, axis2=2)
+        return trace + (trace**2 - np.einsum("npq,nqp->n", H, H)) / 2 + np.linalg.det(H)
+
+    @cached_property
+    def peridynamic_stress(self) -> np.ndarray:
+        """Mean of the Lehoucq-Silling stress over each particle's cell (materials/flux.py), (owned, 3, 3) [force/area];
+        in directions that the body does not have as linear elasticity has it."""
+        p = self._assembler.particles
+        virial = np.zeros((p.local, p.dim, p.dim))
+        for material in self._assembler.materials:
+            material.add_virial(self.local, virial)
+        stress = np.zeros((p.owned, 3, 3))
+        stress[:, : p.dim, : p.dim] = p.exchange.reverse_add(virial)[: p.owned] / p.volume[: p.owned, None, None]
+        for material in self._assembler.materials:
+            own = stress[material.families.center]
+            material.add_normal_stress(own)
+            stress[material.families.center] = own
+        return stress
+
+    def crossing_forces(self, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the particles of a mask (local,) exert on the others through each bond of the owned families between
+        them: forces (n, dim), and the bonds' local particles i and j (n, 2)."""
+        found = [material.crossing_forces(self.local, beyond) for material in self._assembler.materials]
+        return tuple(np.concatenate(parts) for parts in zip(*found))
 
     @cached_property
     def strain(self) -> np.ndarray:
@@ -113,13 +144,9 @@ FIELDS: dict[str, Callable[[Recovery], np.ndarray]] = {
     "energy": lambda r: r.energy_density,
     "reaction": lambda r: r.reaction,
     "force": lambda r: r.external,
+    "von_mises": lambda r: von_mises(r.stress),
+    "principal": lambda r: principal(r.stress),
+    "dilatation": lambda r: r.dilatation,
+    "peridynamic_stress": lambda r: r.peridynamic_stress,
 }
-"""How the fields of `quantities` are computed: displacement, deformation gradient, Cauchy stress, logarithmic strain,
-strain energy density, reactions, external forces."""
-
-
-def component(values: np.ndarray, name: str) -> np.ndarray:
-    """One component of a vector ("x") or tensor ("xy") field, or its "magnitude" (Frobenius norm)."""
-    if name == "magnitude":
-        return np.sqrt((values.reshape(len(values), -1) ** 2).sum(axis=1))
-    return values[(slice(None), *("xyz".index(axis) for axis in name))]
+"""How the fields of `quantities` are computed."""

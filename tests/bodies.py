@@ -45,13 +45,23 @@ def whole(comm, p: Particles, field: np.ndarray) -> np.ndarray:
     return values[np.argsort(ids)]
 
 
-def assembler(p: Particles, *rows, held=None, young: float = 1.0, influence: str = "constant", value=0.0) -> Assembler:
+def site(p: Particles, mask: np.ndarray, value) -> Site:
+    """Where a load acts, a mask of the owned particles, and its value: a number or an expression of X, Y, Z, t."""
+    members, X = np.flatnonzero(mask), p.position[: p.owned]
+    expression = Expression(value, [*"XYZ"[: p.dim], "spacing", "t"])
+    return Site(p.comm.tompi4py(), members, X[members], p.volume[members], p.spacing[members], expression)
+
+
+def assembler(
+    p: Particles, *rows, held=None, young: float = 1.0, influence: str = "constant", value=0.0, loads=()
+) -> Assembler:
     """Models of the table on the particles; with several, the families are dealt out to them by their ids.
 
     Args:
         held: function of the positions that gives the mask of the particles whose displacement is prescribed,
             (n, dim) for single components.
         value: what is prescribed: a number or an expression of X, Y, Z, t, or one for each component.
+        loads: further loads.
     """
     families = families_of(p)
     kind = p.id[: p.owned] % len(rows)
@@ -60,19 +70,13 @@ def assembler(p: Particles, *rows, held=None, young: float = 1.0, influence: str
         own = families.subset(np.flatnonzero(kind == number))
         weight = bond_weights(own, p.position, p.horizon, p.spacing, INFLUENCE[influence], "none")
         materials.append(row.build(Neighbourhood(own, weight, p.position, p.volume, p.horizon, p.spacing), young))
-    loads = []
+    loads = list(loads)
     if held is not None:
         X = p.position[: p.owned]
         mask = np.broadcast_to(np.asarray(held(X)).reshape(p.owned, -1), (p.owned, p.dim))
         values = value if isinstance(value, list | tuple) else [value] * p.dim
         for k in range(p.dim):
-            members = np.flatnonzero(mask[:, k])
-            names = [*"XYZ"[: p.dim], "spacing", "t"]
-            site = Site(
-                p.comm.tompi4py(), members, X[members], p.volume[members], p.spacing[members],
-                Expression(values[k], names),
-            )  # fmt: skip
-            loads.append(Displacement(site, SimpleNamespace(component=(k,))))
+            loads.append(Displacement(site(p, mask[:, k], values[k]), SimpleNamespace(component=(k,))))
     result = Assembler(p, materials, loads, Timings())
     result.set_time(1.0)
     return result

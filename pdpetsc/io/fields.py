@@ -23,10 +23,12 @@ class FieldWriter:
         directory: existing result directory.
         particles: the distributed particles.
         times: times of the steps before this run, when it goes on with an earlier one: their fields are kept.
+        fields: names of `quantities` that are written.
     """
 
-    def __init__(self, directory: Path, particles: Particles, times: dict[int, float]):
+    def __init__(self, directory: Path, particles: Particles, times: dict[int, float], fields: tuple[str, ...]):
         self._directory = directory
+        self._fields = fields
         self._particles = particles
         self.steps: dict[int, float] = {}
         p = particles
@@ -51,11 +53,11 @@ class FieldWriter:
     def write(self, step: int, time: float, recovery: Recovery) -> None:
         """Append a step (collective)."""
         with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
-            for name in QUANTITIES:
+            for name in self._fields:
                 self._write(file, f"{step:05d}/{name}", recovery.field(name))
         self.steps[step] = time
         if self._particles.comm.rank == 0:
-            tree = ElementTree.ElementTree(_xdmf(self._particles.count, self.steps))
+            tree = ElementTree.ElementTree(_xdmf(self._particles.count, self.steps, self._fields))
             ElementTree.indent(tree)
             tree.write(self._directory / XDMF, xml_declaration=True)
 
@@ -76,7 +78,7 @@ def _for_visualisation(values: np.ndarray) -> np.ndarray:
 _KINDS = {0: ("Scalar", ""), 1: ("Vector", " 3"), 2: ("Tensor", " 9")}
 
 
-def _xdmf(count: int, steps: dict[int, float]) -> ElementTree.Element:
+def _xdmf(count: int, steps: dict[int, float], fields: tuple[str, ...]) -> ElementTree.Element:
     """An XDMF 3 temporal collection of point clouds."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
@@ -101,7 +103,7 @@ def _xdmf(count: int, steps: dict[int, float]) -> ElementTree.Element:
         item(geometry, "position", f"{count} 3")
         for name, path in [
             *((n, n) for n in ("volume", "horizon", "spacing")),
-            *((n, f"{step:05d}/{n}") for n in QUANTITIES),
+            *((n, f"{step:05d}/{n}") for n in fields),
         ]:
             kind, columns = _KINDS[QUANTITIES[name].rank if name in QUANTITIES else 0]
             attribute = ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")

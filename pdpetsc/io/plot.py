@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from pdpetsc.io.fields import HDF5
-from pdpetsc.quantities import QUANTITIES
+from pdpetsc.quantities import QUANTITIES, component, von_mises
 
 VISIBLE = 0.05
 """Displacements below a fifth of this fraction of the body's size are drawn enlarged to this fraction."""
@@ -24,7 +24,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
         position = file["position"][...]
         spacing = file["spacing"][...]
         u, values = last["u"][...], colour_values(field, last[field][...])
-        F = last["F"][...].reshape(-1, 3, 3)
+        F = last["F"][...].reshape(-1, 3, 3) if "F" in last else np.eye(3)[None].repeat(len(u), axis=0)
     dim = summary["dim"]
     size = float(np.ptp(position, axis=0).max())
     largest = float(np.sqrt((u**2).sum(axis=1)).max())
@@ -32,8 +32,8 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     x = position + factor * u
     shape = np.eye(3) + factor * (F - np.eye(3))
 
-    _, name, unit = QUANTITIES[field]
-    unit = unit.format(**summary["units"])
+    name = QUANTITIES[field].label
+    unit = QUANTITIES[field].unit.format(**summary["units"])
     if dim == 3:
         figure = Figure(figsize=(7.5, 6))
         figure.subplots_adjust(left=0.05, right=0.9, bottom=0.1, top=0.9)
@@ -65,14 +65,16 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
 
 
 def colour_values(field: str, values: np.ndarray) -> np.ndarray:
-    """One number for each particle: von Mises of a stress, else the magnitude."""
-    if field == "stress":
-        sigma = values.reshape(-1, 3, 3)
-        deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
-        return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
-    if field == "F":
-        values = values - np.eye(3).ravel()
-    return values if values.ndim == 1 else np.sqrt((values**2).sum(axis=1))
+    """One number for each particle: von Mises of a stress, the largest of principal values, else the magnitude; tensors
+    are (n, 9)."""
+    quantity = QUANTITIES[field]
+    if quantity.rank == 2:
+        values = values.reshape(-1, 3, 3) - (np.eye(3) if field == "F" else 0.0)
+    if "von_mises" in quantity.invariants:
+        return von_mises(values)
+    if quantity.components:
+        return values[:, 0]
+    return values if quantity.rank == 0 else component(values, "magnitude")
 
 
 def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: np.ndarray, values: np.ndarray):

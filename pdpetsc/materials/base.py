@@ -17,7 +17,7 @@ from annotated_types import Gt, Lt
 from pdpetsc.bonds import DualFamilies, Families
 from pdpetsc.influence import INFLUENCE, Influence
 from pdpetsc.materials import families as kernels
-from pdpetsc.materials import rows, sums
+from pdpetsc.materials import flux, rows, sums
 from pdpetsc.materials.families import dimension
 
 Positive = Annotated[float, Gt(0)]
@@ -101,6 +101,7 @@ class Material:
         part: the particles and families that it acts on.
         data, tangent: NamedTuples of the model's arrays, for which its family kernels are registered (families.py).
         lame, shear: Lame's constants of the reduced dimension [force/area].
+        plane: "strain", or "stress" where directions that the body does not have are free of stress.
     """
 
     models: ClassVar[dict[str, type["Material"]]] = {}
@@ -122,8 +123,11 @@ class Material:
         if "name" in cls.__dict__:
             Material.models[cls.name] = cls
 
-    def __init__(self, part: Neighbourhood, data: NamedTuple, tangent: NamedTuple, lame: float, shear: float):
-        self.families, self.lame, self.shear = part.families, lame, shear
+    def __init__(
+        self, part: Neighbourhood, data: NamedTuple, tangent: NamedTuple, lame: float, shear: float,
+        plane: Plane = "strain",
+    ):  # fmt: skip
+        self.families, self.lame, self.shear, self.plane = part.families, lame, shear, plane
         self.interior = part.interior
         self._part, self._data, self._tangent = part, data, tangent
         self._D = dimension(part.dim)
@@ -136,6 +140,15 @@ class Material:
     def modulus(self) -> float:
         """P-wave modulus lambda + 2 mu of the reduced dimension [force/area], the size of the stiffness."""
         return self.lame + 2 * self.shear
+
+    def add_normal_stress(self, sigma: np.ndarray) -> None:
+        """Give tensors (families, 3, 3) the stress in directions that the body does not have: lambda/(n lambda + 2 mu)
+        of the others' sum in plane strain, as in linear elasticity (nu in 2D), none in plane stress."""
+        dim = self._part.dim
+        if self.plane == "strain":
+            free = range(dim, 3)
+            ratio = self.lame / (dim * self.lame + 2 * self.shear)
+            sigma[:, free, free] += (ratio * np.trace(sigma, axis1=1, axis2=2))[:, None]
 
     @classmethod
     def from_case(cls, keys, part: Neighbourhood) -> "Material":
@@ -260,3 +273,25 @@ class Material:
         energy = np.empty(len(self.families))
         kernels.energies(self._D, self._data, self._X, *self._bonds, self._volume, u, energy)
         return energy
+
+    def add_virial(self, u: np.ndarray, virial: np.ndarray) -> None:
+        """Add what each bond carries, T<xi> (x) xi V_i V_j, to the particles whose cells it crosses (flux.py).
+
+        Args:
+            virial: (local, dim, dim) [energy]; divided by the volumes, the peridynamic stress.
+        """
+        flux.add_virials(self._D, self._data, self._X, *self._bonds, self._volume, u, virial)
+
+    def crossing_forces(self, u: np.ndarray, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of the bonds that lead from one side of the body to the other.
+
+        Args:
+            beyond: (local,) whether each particle lies on the side that exerts the forces.
+
+        Returns:
+            (n, dim) what that side exerts on the other [force]; (n, 2) the bonds' local particles i and j.
+        """
+        offsets = flux.crossing_bonds(*self._bonds, beyond)
+        force, bond = np.empty((offsets[-1], self._part.dim)), np.empty((offsets[-1], 2), np.int32)
+        flux.crossing_forces(self._D, self._data, self._X, *self._bonds, self._volume, u, beyond, offsets, force, bond)
+        return force, bond

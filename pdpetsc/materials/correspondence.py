@@ -63,7 +63,7 @@ class Correspondence(Material):
         affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
         data = kernels.Gradients(law, weight, np.linalg.inv(shape), c, affine, law.lame + 2 * law.shear)
         tangent = kernels.GradientTangent(np.empty((len(families), *(dim,) * 4)))
-        super().__init__(part, data, tangent, law.lame, law.shear)
+        super().__init__(part, data, tangent, law.lame, law.shear, plane)
 
     @classmethod
     def from_case(cls, keys, part):

@@ -85,7 +85,7 @@ class Ordinary(Material):
         self.moduli, self.kinematics = moduli, kinematics
         data = Extensions(k, B if dilates else np.empty(0), by_length, rotation_weighted, linear)
         tangent = ExtensionTangent(np.empty(len(data.B)))
-        super().__init__(part, data, tangent, moduli.lame, moduli.shear)
+        super().__init__(part, data, tangent, moduli.lame, moduli.shear, moduli.plane)
         if not dilates:  # a spring between two families is evaluated once
             offsets, neighbours, k = sums.folded(self.own, *self._bonds, self._volume, k)
             self._mechanics = data._replace(k=k), (part.families.center, offsets, neighbours)
@@ -96,7 +96,7 @@ class Ordinary(Material):
         return resists
 
     def choices(self):
-        plane = {"plane": self.moduli.plane} if self.moduli.dim < 3 else {}
+        plane = {"plane": self.plane} if self.moduli.dim < 3 else {}
         return {**plane, "kinematics": self.kinematics}
 
     def displacement_gradient(self, u):
@@ -106,7 +106,7 @@ class Ordinary(Material):
         shape = part.weighted_moments(part.position)
         H = np.zeros((len(self.families), 3, 3))
         H[:, :dim, :dim] = part.weighted_moments(u) @ np.linalg.pinv(shape, rcond=SMALLEST_SHAPE, hermitian=True)
-        if self.moduli.plane == "stress":
+        if self.plane == "stress":
             free = range(dim, 3)
             H[:, free, free] = self._lateral_strain(H[:, :dim, :dim])[:, None]
         return H
@@ -123,16 +123,13 @@ class Ordinary(Material):
         """sum T (x) y V_j/J of the family (FORMULATION's family stress), symmetric since T is along y; in plane
         strain with the normal stress of linear elasticity, lambda/(n lambda + 2 mu) of the others' sum."""
         part, dim = self._part, self._part.dim
-        lame, shear, plane, _ = self.moduli
         linear = self.kinematics == "linear"
         tau = np.zeros((len(self.families), dim, dim))
         kernels.stress_moments(self._D, self._data, part.position, *self._bonds, u, not linear, tau)
         J = 1.0 if linear else np.linalg.det(np.eye(3) + self.displacement_gradient(u))[:, None, None]
         sigma = np.zeros((len(self.families), 3, 3))
         sigma[:, :dim, :dim] = tau / J
-        if plane == "strain":
-            free = range(dim, 3)
-            sigma[:, free, free] = (lame / (dim * lame + 2 * shear) * np.trace(sigma, axis1=1, axis2=2))[:, None]
+        self.add_normal_stress(sigma)
         return sigma
 
 

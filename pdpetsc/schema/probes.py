@@ -1,6 +1,5 @@
 """The tables of what is followed and of what must come out."""
 
-from itertools import product
 from typing import Annotated, Literal
 
 from pydantic import (
@@ -11,47 +10,68 @@ from pydantic import (
 )
 
 from pdpetsc.expressions import hint
-from pdpetsc.quantities import QUANTITIES
+from pdpetsc.quantities import QUANTITIES, components
 from pdpetsc.schema.table import Table, exactly_one
 from pdpetsc.schema.values import (
-    AXES,
-    FieldName,
+    Condition,
     Name,
+    Normal,
     SetName,
     Vector,
     formula,
 )
 
 
+class Section(Table):
+    """A plane through a point, or the part of it where a condition holds."""
+
+    at: Vector
+    normal: Normal
+    where: Condition | None = None
+
+
+RESULTANTS = ("force", "moment")
+"""What is read on a section."""
+
+
 class Probe(Table):
-    """A number, or a few, that is followed at a point, along a line or over a set."""
+    """A number, or a few, that is followed at a point, along a line, over a set or a section."""
 
     name: Name
-    field: FieldName
+    field: Literal[*QUANTITIES, "moment"]
     component: str | None = None
     at: Vector | None = None
     line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2)]], Strict(False)] | None = None
     set: SetName | None = None
+    section: Section | None = None
     reduce: Literal["sum", "mean", "min", "max", "error"] | None = None
     exact: formula("t") | None = None
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo):
-        exactly_one(self, "at", "line", "set")
-        rank = QUANTITIES[self.field].rank
-        names = ["".join(axes) for axes in product(AXES if rank == 2 else AXES[: info.context.dim], repeat=rank)] + [
-            "magnitude"
-        ]
-        if self.component is not None and (rank == 0 or self.component not in names):
-            choices = f"choices: {', '.join(names)}" if rank else "it is a scalar"
+        exactly_one(self, "at", "line", "set", "section")
+        if self.section is None and self.field == "moment":
+            raise ValueError("field moment is that of a section: give section = { at = ..., normal = ... }")
+        if self.section is not None and self.field not in RESULTANTS:
+            raise ValueError(f"a section has a force and a moment, not {self.field}: field = 'force' or 'moment'")
+        if self.field == "moment" and info.context.dim == 1:
+            raise ValueError("a section of a body of one dimension has no moment")
+        names = self._components(info.context.dim)
+        if self.component is not None and self.component not in names:
+            choices = f"choices: {', '.join(names)}" if names else "it is a scalar"
             raise ValueError(f"field {self.field} has no component {self.component!r}; {choices}")
         if (self.set is None) != (self.reduce is None):
             raise ValueError("set and reduce go together")
         if (self.reduce == "error") != (self.exact is not None):
             raise ValueError("reduce = 'error' and exact go together")
-        if self.reduce == "error" and rank > 0 and self.component is None:
+        if self.reduce == "error" and names and self.component is None:
             raise ValueError("reduce = 'error' needs a component")
         return self
+
+    def _components(self, dim: int) -> tuple[str, ...]:
+        if self.field == "moment":  # a vector in 3D, about the normal of the plane in 2D
+            return components("force", dim) if dim == 3 else ()
+        return components(self.field, dim)
 
 
 class Expect(Table):

@@ -13,6 +13,7 @@ from pydantic import (
 )
 
 from pdpetsc.bonds import HORIZON_TOLERANCE
+from pdpetsc.quantities import CHEAP, QUANTITIES
 from pdpetsc.schema.materials import MaterialTable
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.table import Table, error_at, exactly_one
@@ -228,7 +229,13 @@ class Output(Table):
 
     every: Count = 1
     checkpoint: Count = 1
+    fields: Annotated[tuple[FieldName, ...], Strict(False)] = CHEAP
     picture: FieldName = "u"
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """The fields that are written: those that are asked for, and what the picture needs."""
+        return tuple(name for name in QUANTITIES if name in {*self.fields, "u", self.picture})
 
 
 class Description(Table):

@@ -9,10 +9,9 @@ from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationIn
 
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
-from pdpetsc.quantities import QUANTITIES
+from pdpetsc.quantities import AXES, QUANTITIES
 from pdpetsc.schema.table import Table, exactly_one
 
-AXES = ("x", "y", "z")
 COORDINATES = ("X", "Y", "Z")
 NORMALS = ("NX", "NY", "NZ")
 FACES = ("left", "right", "bottom", "top", "back", "front")  # two for each direction, the lower one first
@@ -169,6 +168,7 @@ SetName = Annotated[str, AfterValidator(known_set)]
 SurfaceName = Annotated[str, AfterValidator(known_surface)]
 Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
 Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
+Normal = Annotated[tuple[float, ...], PlainValidator(unit_normal)]
 FieldName = Literal[*QUANTITIES]
 Condition = formula(condition=True)
 

@@ -102,6 +102,10 @@ BAD = {
         changed(CANTILEVER, probe__2__line=[[0.5, 1.5], [30.0, 1.5], 7]),
         "probe.2: 'axis' has a point more than a spacing away",
     ),
+    "section outside": (
+        changed(CANTILEVER, probe=[{"name": "cut", "field": "force", "section": {"at": [12.0, 0.0], "normal": "x"}}]),
+        "probe: the section 'cut' has all particles on one side of its plane",
+    ),
     "two materials in a place": (
         changed(CANTILEVER, material__steel={"model": "correspondence", "E": 9.0, "nu": 0.2, "where": "end"}),
         "material: 0 particles have no material and 3 have more than one",
@@ -354,6 +358,61 @@ def test_results(comm, run):
     assert tip[1] < -0.3
     assert np.abs(end["u"][:, :2] - tip).max(axis=1).min() == 0  # the probe is one of the particles
     assert len(s["probes"]["axis"]) == 5 and np.shape(s["probes"]["stress"]) == (3, 3)
+
+
+def test_sections_and_chosen_fields(run):
+    """The cantilever's sections carry the load and its moment; what is written is what was asked for."""
+    probes = [
+        {"name": "N", "field": "force", "section": {"at": [6.0, 1.5], "normal": "x"}},
+        {"name": "Q", "field": "force", "component": "y", "section": {"at": [3.2, 1.5], "normal": [1.0, 0.2]}},
+        {"name": "M", "field": "moment", "section": {"at": [6.0, 1.5], "normal": "x"}},
+        {"name": "upper", "field": "moment", "section": {"at": [6.0, 1.5], "normal": "-x", "where": "Y > 1.4"}},
+        {"name": "lower", "field": "moment", "section": {"at": [6.0, 1.5], "normal": "-x", "where": "Y < 1.4"}},
+        {"name": "tip", "field": "u", "set": "end", "reduce": "mean"},
+        {"name": "peak", "field": "stress", "component": "von_mises", "set": "all", "reduce": "max"},
+        {"name": "same", "field": "von_mises", "set": "all", "reduce": "max"},
+        {"name": "pulled", "field": "peridynamic_stress", "component": "1", "at": [1.0, 2.5]},
+    ]
+    output = {"fields": ["principal", "force"], "picture": "peridynamic_stress"}
+    result = run(changed(CANTILEVER, probe=probes, output=output), petsc={"snes_rtol": 1e-13})
+    assert result.code == 0
+    found = result.summary["probes"]
+    assert found["N"] == pytest.approx([0.0, -2e-3], abs=1e-12)
+    assert found["Q"] == pytest.approx(-2e-3, rel=1e-9)
+    arm = 11.5 + found["tip"][0] - 6.0
+    assert found["M"] == pytest.approx(-2e-3 * arm, rel=1e-9)
+    assert found["upper"] + found["lower"] == pytest.approx(-found["M"], rel=1e-12)
+    assert found["peak"] == found["same"] > 0 < found["pulled"]
+    assert set(fields(result, 2)) == {"u", "principal", "force", "peridynamic_stress"}
+    assert (result.out / "result.png").read_bytes()[:4] == b"\x89PNG"
+    xdmf = (result.out / "fields.xdmf").read_text()
+    assert "peridynamic_stress" in xdmf and "strain" not in xdmf
+
+
+def test_sections_beside_a_crack_and_a_hole(run):
+    """No bond carries anything across a crack: the ligaments carry all, or each its part."""
+    cut = {"at": [6.0, 1.5], "normal": "x"}
+    probes = [
+        {"name": "whole", "field": "force", "section": cut},
+        {"name": "cracked", "field": "force", "section": cut | {"where": "Y > 1.6"}},
+        {"name": "moment", "field": "moment", "section": cut},
+        {"name": "tip", "field": "u", "set": "end", "reduce": "mean"},
+        {"name": "beside", "field": "force", "section": {"at": [2.0, 1.5], "normal": "x"}},
+        {"name": "over", "field": "force", "section": {"at": [2.0, 1.5], "normal": "x", "where": "Y > 2.4"}},
+        {"name": "under", "field": "force", "section": {"at": [2.0, 1.5], "normal": "x", "where": "Y < 2.4"}},
+    ]
+    body = {"size": [12.0, 5.0], "cracks": [{"from": [6.0, 1.6], "to": [6.0, 9.0]}]}
+    body |= {"keep": "hypot(X - 2, Y - 2.5) > 0.6", "horizon": 2.015}
+    result = run(changed(CANTILEVER, probe=probes, body=CANTILEVER["body"] | body), petsc={"snes_rtol": 1e-13})
+    assert result.code == 0
+    found = result.summary["probes"]
+    for name in ("whole", "beside"):
+        assert found[name] == pytest.approx([0.0, -2e-3], abs=1e-12)
+    assert found["cracked"] == [0.0, 0.0]
+    assert found["moment"] == pytest.approx(-2e-3 * (11.5 + found["tip"][0] - 6.0), rel=1e-9)
+    parts = np.array([found["over"], found["under"]])
+    assert parts.sum(axis=0) == pytest.approx([0.0, -2e-3], abs=1e-12)
+    assert parts[0, 0] > 1e-3 > -1e-3 > parts[1, 0]  # bent downwards
 
 
 def test_energy_is_the_work_of_the_load(run):

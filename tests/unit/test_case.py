@@ -131,6 +131,30 @@ def test_components(plate, component, axes):
     assert plate(('component = "all"', f"component = {component}")).load[0].component == axes
 
 
+def test_output_is_what_is_asked_for_and_what_the_picture_needs(plate):
+    assert "peridynamic_stress" not in plate().output.written and "von_mises" in plate().output.written
+    chosen = plate(overrides=['output.fields=["stress"]', "output.picture=peridynamic_stress"]).output
+    assert chosen.written == ("u", "stress", "peridynamic_stress")
+
+
+def test_sections(plate):
+    probe = plate(
+        ('field = "u"', 'field = "force"'),
+        ("at = [0.15, 0.025]", 'section = { at = [0.1, 0], normal = [3, -4], where = "Y < 0.01" }'),
+    ).probe[0]
+    assert probe.section.at == (0.1, 0.0) and probe.section.normal == (0.6, -0.8)
+    assert probe.section.where.place == "plate.toml: probe.0.section.where"
+
+
+def test_a_line_has_no_moment(tmp_path):
+    path = tmp_path / "rod.toml"
+    path.write_text(
+        'body = { size = [1], spacing = 0.1, horizon = 2 }\nmaterial.m = { model = "correspondence", E = 1, nu = 0 }\n'
+        'probe = [{ name = "m", field = "moment", section = { at = [0.5], normal = "x" } }]'
+    )
+    assert message_of(case.load, str(path)).endswith("probe.0: a section of a body of one dimension has no moment")
+
+
 def test_nothing_changes_afterwards(plate):
     with pytest.raises(ValidationError):
         plate().body.spacing = 1.0
@@ -340,6 +364,30 @@ MISTAKES = [
     ("at = [0.15, 0.025]", 'set = "left"\nreduce = "error"', "probe.0: reduce = 'error' and exact go together"),
     ("at = [0.15, 0.025]", "at = [0.15, 0.025, 0]", "probe.0.at: needs 2 number(s)"),
     ("[0.15, 0.0], 11]", "[0.15, 0.0]]", "probe.1.line.2: is missing"),
+    ("at = [0.15, 0.025]", "section = { at = [0.1, 0] }", "probe.0.section.normal: is missing"),
+    ("at = [0.15, 0.025]", 'section = { at = [0.1], normal = "x" }', "probe.0.section.at: needs 2 number(s)"),
+    ("at = [0.15, 0.025]", 'section = { at = [1, 0], normal = "z" }', "probe.0.section.normal: must be one of x, y"),
+    ("at = [0.15, 0.025]", 'section = { at = [1, 0], normal = "x" }', "probe.0: a section has a force and a moment"),
+    (
+        "at = [0.15, 0.025]", 'section = { at = [1, 0], normal = "x", where = "Y" }',
+        "probe.0.section.where: 'Y' is a number where a condition is needed",
+    ),
+    ('field = "u"', 'field = "moment"', "probe.0: field moment is that of a section: give section = {"),
+    (
+        'field = "u"\ncomponent = "x"\nat = [0.15, 0.025]',
+        'field = "moment"\ncomponent = "x"\nsection = { at = [1, 0], normal = "x" }',
+        "probe.0: field moment has no component 'x'; it is a scalar",
+    ),
+    (
+        'field = "u"\ncomponent = "x"\nat = [0.15, 0.025]',
+        'field = "force"\nreduce = "sum"\nsection = { at = [1, 0], normal = "x" }',
+        "probe.0: set and reduce go together",
+    ),
+    ('field = "u"', 'field = "principal"', "probe.0: field principal has no component 'x'; choices: 1, 2, 3"),
+    ('component = "xy"', 'component = "4"', "probe.1: field stress has no component '4'; choices: xx, xy, xz, yx,"),
+    ('field = "u"', 'field = "moments"', "probe.0.field: must be 'u', 'F', 'stress',"),
+    ("[petsc]", "[output]\nfields = ['v']\n[petsc]", "output.fields.0: must be 'u', 'F', 'stress',"),
+    ("[petsc]", "[output]\nfields = 'u'\n[petsc]", "output.fields: must be a list, not 'u'"),
     ('field = "u"', 'field = "energy"', "probe.0: field energy has no component 'x'; it is a scalar"),
     ('"probes.tip"', '"probes.tipp.0"', "expect: 'probes.tipp.0' names no probe (did you mean 'tip'?); choices: tip,"),
     ("equals = 1e-4", "equals = 1e-4\nbelow = 1", "expect.0: needs exactly one of equals, below, above"),

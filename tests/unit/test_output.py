@@ -9,7 +9,7 @@ import pytest
 
 from pdpetsc.io import tables
 from pdpetsc.io.plot import colour_values, free_faces, plot_result
-from pdpetsc.quantities import QUANTITIES
+from pdpetsc.quantities import QUANTITIES, component, components
 from pdpetsc.recover import FIELDS
 
 ROWS = [
@@ -51,6 +51,23 @@ def test_colours_of_a_stress_are_von_mises():
     pressure += 5 * np.eye(3)
     stress = np.stack([uniaxial, shear, pressure]).reshape(3, 9)
     assert colour_values("stress", stress) == pytest.approx([7.0, 2 * np.sqrt(3), 0.0], abs=1e-14)
+
+
+def test_colours_of_principal_values_are_the_largest():
+    assert colour_values("principal", np.array([[1.0, -2.0, -5.0]])) == pytest.approx([1.0])
+
+
+def test_components():
+    """Of one state by hand: shear of 2 with a skew part, beside a normal stress of 5."""
+    stress = np.array([[[0.0, 3.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 5.0]], np.full((3, 3), np.nan)])
+    values = {"xy": 3.0, "yx": 1.0, "1": 5.0, "2": 2.0, "3": -2.0, "magnitude": np.sqrt(35), "von_mises": np.sqrt(37)}
+    for name, value in values.items():
+        assert component(stress, name)[0] == pytest.approx(value), name
+        assert np.isnan(component(stress, name)[1])
+        assert name in components("stress", 2) and name in components("peridynamic_stress", 1)
+    assert components("strain", 3)[-5:] == ("zz", "magnitude", "1", "2", "3")
+    assert components("u", 2) == ("x", "y", "magnitude") and components("von_mises", 2) == ()
+    assert component(np.array([[3.0, 2.0, 1.0]]), "2") == pytest.approx([2.0])
 
 
 def test_colours_of_other_fields_are_magnitudes():
