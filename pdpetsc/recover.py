@@ -75,10 +75,14 @@ class Recovery:
             stress[material.families.center] = own
         return stress
 
-    def crossing_forces(self, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def crossing_forces(self, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the particles of a mask (local,) exert on the others through each bond of the owned families between
-        them: forces (n, dim), and the bonds' local particles i and j (n, 2)."""
-        found = [material.crossing_forces(self.local, beyond) for material in self._assembler.materials]
+        them: forces (n, dim), where the bonds' neighbours are (n, dim), and the local particles i and j (n, 2)."""
+        found, X = [], self._assembler.particles.position
+        for material in self._assembler.materials:
+            force, bond = material.crossing_forces(self.local, beyond)
+            j = bond[:, 1]
+            found.append((force, X[j] if material.linear else X[j] + self.local[j], bond))
         return tuple(np.concatenate(parts) for parts in zip(*found))
 
     @cached_property

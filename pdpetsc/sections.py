@@ -47,23 +47,23 @@ class Section:
         return self._mpi.allreduce(self._crossing(recovery)[0].sum(axis=0))
 
     def moment(self, recovery: Recovery) -> np.ndarray:
-        """Its moment about `at` in the deformed state: () in 2D, (3,) in 3D (collective) [force length]."""
-        force, bond = self._crossing(recovery)
-        j = bond[:, 1]
-        arm = self._particles.position[j] + recovery.local[j] - self._at
+        """Its moment about `at`, in the deformed state, with linear kinematics in the reference: () in 2D, (3,) in 3D
+        (collective) [force length]."""
+        force, place = self._crossing(recovery)
+        arm = place - self._at
         if self._particles.dim == 2:
             return self._mpi.allreduce(np.sum(arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]))
         return self._mpi.allreduce(np.cross(arm, force).sum(axis=0))
 
     def _crossing(self, recovery: Recovery) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the bonds that count, (n, dim), and their local particles i and j, (n, 2)."""
-        force, bond = recovery.crossing_forces(self._beyond)
+        """Forces of the bonds that count and where they act, (n, dim)."""
+        force, place, bond = recovery.crossing_forces(self._beyond)
         if self._where is None:
-            return force, bond
+            return force, place
         p, (i, j) = self._particles, bond.T
         share = (self._depth[i] / (self._depth[i] - self._depth[j]))[:, None]
         position = (1 - share) * p.position[i] + share * p.position[j]
         spacing = (1 - share[:, 0]) * p.spacing[i] + share[:, 0] * p.spacing[j]
         with collective(self._mpi):
             inside = self._where.mask(**coordinates(position, spacing))
-        return force[inside], bond[inside]
+        return force[inside], place[inside]

@@ -116,6 +116,8 @@ class Material:
     """Whether the tangent depends on the current bonds, not only on what a family remembers."""
     force_power = 1
     """q of the forces w(r) r^q of bonds of length r delta in a state of equal stretch."""
+    linear = False
+    """Whether kinematics are those of small displacements: forces act at the reference positions."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
 

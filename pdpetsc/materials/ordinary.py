@@ -81,7 +81,7 @@ class Ordinary(Material):
         linear = kinematics == "linear"
         rotation_weighted = rotation_weighted and not linear  # there bonds do not turn
         self.couples_family = dilates = B is not None
-        self.symmetric, self.follows_bonds = not rotation_weighted, not linear
+        self.symmetric, self.follows_bonds, self.linear = not rotation_weighted, not linear, linear
         self.moduli, self.kinematics = moduli, kinematics
         data = Extensions(k, B if dilates else np.empty(0), by_length, rotation_weighted, linear)
         tangent = ExtensionTangent(np.empty(len(data.B)))
@@ -114,7 +114,7 @@ class Ordinary(Material):
     def _lateral_strain(self, H):
         """-lambda/(2 mu) tr(strain) with the constants of n dimensions, -nu/(1 - nu) in plane stress."""
         ratio = -self.moduli.lame / (2 * self.moduli.shear)
-        if self.kinematics == "linear":
+        if self.linear:
             return ratio * np.trace(H, axis1=1, axis2=2)
         J = np.linalg.det(np.eye(H.shape[1]) + H)
         return np.expm1(ratio * np.log(np.where(J > 0, J, np.nan)))
@@ -123,10 +123,9 @@ class Ordinary(Material):
         """sum T (x) y V_j/J of the family (FORMULATION's family stress), symmetric since T is along y; in plane
         strain with the normal stress of linear elasticity, lambda/(n lambda + 2 mu) of the others' sum."""
         part, dim = self._part, self._part.dim
-        linear = self.kinematics == "linear"
         tau = np.zeros((len(self.families), dim, dim))
-        kernels.stress_moments(self._D, self._data, part.position, *self._bonds, u, not linear, tau)
-        J = 1.0 if linear else np.linalg.det(np.eye(3) + self.displacement_gradient(u))[:, None, None]
+        kernels.stress_moments(self._D, self._data, part.position, *self._bonds, u, not self.linear, tau)
+        J = 1.0 if self.linear else np.linalg.det(np.eye(3) + self.displacement_gradient(u))[:, None, None]
         sigma = np.zeros((len(self.families), 3, 3))
         sigma[:, :dim, :dim] = tau / J
         self.add_normal_stress(sigma)

@@ -72,10 +72,10 @@ def section(p, at, normal, where=None) -> Section:
     return Section("a", SimpleNamespace(at=at, normal=tuple(normal), where=condition), p)
 
 
-def moment(comm, p, r, force, at):
-    """Of forces (owned, dim) about a point, in the deformed state."""
+def moment(comm, p, r, force, at, linear):
+    """Of forces (owned, dim) about a point, in the deformed state or that of the reference."""
     arm, f = np.zeros((2, p.owned, 3))
-    arm[:, : p.dim], f[:, : p.dim] = p.position[: p.owned] + r.u - at, force
+    arm[:, : p.dim], f[:, : p.dim] = p.position[: p.owned] + (0.0 if linear else r.u) - at, force
     total = comm.allreduce(np.cross(arm, f).sum(axis=0))
     return total[2] if p.dim == 2 else total
 
@@ -90,8 +90,9 @@ def check_sections(comm, p, r, planes, rows):
         assert s.force(r) == pytest.approx(comm.allreduce(load.sum(axis=0)), abs=1e-9 * size)
         back = section(p, at, -np.array(normal))
         assert back.force(r) == pytest.approx(-s.force(r), abs=1e-12 * size)
-        if p.dim > 1 and all(row.angular for row in rows):
-            expected = moment(comm, p, r, load, at)
+        linear = all(row.linear for row in rows)
+        if p.dim > 1 and (linear or all(row.angular for row in rows)):
+            expected = moment(comm, p, r, load, at, linear)
             assert s.moment(r) == pytest.approx(expected, abs=1e-9 * size * SIZE[p.dim][0])
             assert back.moment(r) == pytest.approx(-expected, abs=1e-9 * size * SIZE[p.dim][0])
 
