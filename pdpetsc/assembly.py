@@ -12,7 +12,7 @@ from pdpetsc.materials.base import Material
 from pdpetsc.matrix import TangentMatrix
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
-from pdpetsc.sparsity import Part, Sparsity, expected_blocks, symmetrise, tangent_sparsity
+from pdpetsc.sparsity import Part, Sparsity, symmetrise, tangent_sparsity
 from pdpetsc.support import rigid_motions
 from pdpetsc.timings import Timings
 
@@ -226,10 +226,6 @@ class Assembler:
                     + [Part(f.surface.families, f.surface.dual, alone, True) for f in self._followers]
                 )
         return self._matrix.mat
-
-    def expected_blocks(self) -> float:
-        """About how many blocks the assembled tangent would have (collective)."""
-        return expected_blocks(self.particles, [(m.families, m.own, m.couples_family) for m in self.materials])
 
     def new_matrix(self, parts: list[Part]) -> tuple[Sparsity, TangentMatrix]:
         """A matrix on all displacements with the pattern of these parts, for `fill`."""

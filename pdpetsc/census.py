@@ -17,7 +17,7 @@ from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.compact import REACH
 from pdpetsc.errors import InputError
-from pdpetsc.influence import INFLUENCE, bond_weights
+from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.particles import Points
 
@@ -220,8 +220,7 @@ class _Survey:
         p, members = view.points, np.flatnonzero(view.family).astype(np.int32)
         families = Families(np.zeros(1, np.int32), np.array([0, len(members)]), members)
         check_not_lonely(families, p.position, p.horizon)
-        chosen = spec.influence
-        influence = INFLUENCE[chosen] if isinstance(chosen, str) else lambda r: chosen(r=r)
+        influence = influence_function(spec.influence)
         weight = bond_weights(families, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
         thickness = self._case.body.thickness
         return Neighbourhood(families, weight, p.position, p.volume, p.horizon, p.spacing, thickness, influence)

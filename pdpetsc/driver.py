@@ -68,7 +68,8 @@ def restart(directory: Path, quiet: bool = False) -> int:
 
 
 def check(case: Case, ranks: int | None = None) -> int:
-    """Say what a run of a case will take, and whether it fits; the exit code of the command line.
+    """Say what a run of a case will take, and whether it fits; the exit code of the command line, that of the refused
+    run where it does not.
 
     Args:
         case: what would be done.
@@ -88,6 +89,7 @@ def check(case: Case, ranks: int | None = None) -> int:
     except InputError as error:
         where = f"on {prediction.ranks} ranks" if prediction.ranks > 1 else "on one rank"
         say(comm, f"refused    {where} of this machine: {error}")
+        return 2
     return 0
 
 

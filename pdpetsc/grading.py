@@ -148,9 +148,7 @@ def _crosses(i, k, family, X, horizon, spacing, middle, square):
         if horizon[end] - horizon[nearest] <= SLOPE * np.sqrt(d):
             return False
     weight, along = 0.0, 0.0
-    offset = np.zeros(
-        3
-    )  # of the middle of the smaller horizons within |xi| of the bond's, each with its share of space
+    offset = np.zeros(3)  # of the middle of the smaller horizons from the bond's, within |xi| of it, by their volumes
     for j in family:
         d = 0.0
         for a in range(dim):

@@ -28,6 +28,11 @@ PARTIAL_VOLUME = {"none": lambda length, horizon, spacing: np.ones_like(length),
 """Partial-volume factors beta of a neighbour whose cell of width `spacing` is cut by the horizon."""
 
 
+def influence_function(chosen) -> Influence:
+    """That of a case's `influence`: a name in INFLUENCE, or an expression of r."""
+    return INFLUENCE[chosen] if isinstance(chosen, str) else lambda r: chosen(r=r)
+
+
 def bond_weights(
     families: Families, position: np.ndarray, horizon: np.ndarray, spacing: np.ndarray, influence: Influence,
     partial: str,

@@ -18,9 +18,8 @@ from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK, take_census
 from pdpetsc.errors import ConvergenceError, InputError
-from pdpetsc.expressions import Expression
 from pdpetsc.grading import warn_thin_zones
-from pdpetsc.influence import INFLUENCE, Influence, bond_weights
+from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.loads.base import Load, Site
 from pdpetsc.loads.traction import TRANSFER, Surface, Traction
 from pdpetsc.materials.base import Material, Neighbourhood
@@ -250,16 +249,13 @@ def _is_traction(load) -> bool:
     return getattr(load, "surface", None) is not None
 
 
-def _expected_blocks(case: Case) -> float | None:
-    """Of the assembled tangent, counted without looking at the ranks; None where a quick look finds no particle."""
+def _expected_blocks(case: Case) -> float:
+    """Of the assembled tangent, counted without looking at the ranks; where a quick look finds no particle, too many
+    to be assembled."""
     try:
         return take_census(case, QUICK).blocks
     except InputError:
-        return None
-
-
-def _influence(chosen: str | Expression) -> Influence:
-    return INFLUENCE[chosen] if isinstance(chosen, str) else lambda r: chosen(r=r)
+        return float("inf")
 
 
 def _materials(case: Case, p: Particles, families: Families, interior: int, sets: Sets) -> list[Material]:
@@ -275,20 +271,13 @@ def _materials(case: Case, p: Particles, families: Families, interior: int, sets
         with collective(p.comm.tompi4py()):
             chosen = np.flatnonzero(members[families.center])
             own = families.subset(chosen)
-            influence = _influence(spec.influence)
+            influence = influence_function(spec.influence)
             try:
                 weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
                 part = Neighbourhood(
-                    own,
-                    weight,
-                    p.position,
-                    p.volume,
-                    p.horizon,
-                    p.spacing,
-                    case.body.thickness,
-                    influence,
+                    own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence,
                     int(np.searchsorted(chosen, interior)),
-                )
+                )  # fmt: skip
                 materials.append(Material.models[spec.model].from_case(spec, part))
             except InputError as error:
                 raise InputError(f"material.{name}: {error}") from None

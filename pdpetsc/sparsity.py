@@ -90,57 +90,6 @@ def tangent_sparsity(particles: Particles, parts: list[Part]) -> Sparsity:
     )
 
 
-SAMPLES = 200
-"""Rows of which `expected_blocks` is the mean."""
-
-GOLDEN = 0.6180339887498949
-"""Multiples of it, modulo 1, spread evenly and hit no lattice plane more often than others."""
-
-
-def expected_blocks(particles: Particles, parts: list[tuple[Families, np.ndarray, bool]]) -> float:
-    """About how many blocks the tangent of (families, own, couples) will have on all ranks (collective).
-
-    From rows in which every neighbour has its family on this rank, as if horizons were mutual.
-    """
-    total = 0.0
-    for families, own, couples in parts:
-        if not len(families):
-            continue
-        chosen = np.unique((np.arange(1, SAMPLES + 1) * GOLDEN % 1 * len(families)).astype(np.int64))
-        bonds = families.center, families.offsets, families.neighbours
-        sizes = _sample_rows(own, *bonds, couples, chosen)
-        whole = sizes[sizes > 0]
-        total += len(families) * float(whole.mean() if len(whole) else -sizes.mean())
-    return particles.comm.tompi4py().allreduce(total)
-
-
-@njit(cache=True)
-def _sample_rows(own, center, offsets, neighbours, couples, chosen):
-    """Number of particles that share a family with that of each chosen family; less than 0 if some are not known."""
-    seen = np.full(len(own), -1, np.int64)
-    sizes = np.zeros(len(chosen), np.int64)
-    for k in range(len(chosen)):
-        f = chosen[k]
-        whole = True
-        seen[center[f]] = k
-        count = 1
-        for b in range(offsets[f], offsets[f + 1]):
-            j = neighbours[b]
-            if seen[j] != k:
-                seen[j] = k
-                count += 1
-            g = own[j]
-            whole = whole and g >= 0
-            if couples and g >= 0:
-                for c in range(offsets[g], offsets[g + 1]):
-                    m = neighbours[c]
-                    if seen[m] != k:
-                        seen[m] = k
-                        count += 1
-        sizes[k] = count if whole or not couples else -count
-    return sizes
-
-
 def _local_columns(particles: Particles, global_columns: np.ndarray) -> np.ndarray:
     """Local particles of global block columns, -1 where there is none."""
     owned = particles.owned

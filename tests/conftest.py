@@ -50,6 +50,30 @@ def comm():
 
 
 @pytest.fixture
+def petsc_options(monkeypatch):
+    """`petsc_options(name=value, ...)` gives options as a user does; they and the exception hook are put back."""
+    from petsc4py import PETSc
+
+    from pdpetsc import options
+
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    options.set_defaults({})  # those of an earlier run: what follows is the user's
+    database = PETSc.Options()
+    before = database.getAll()
+
+    def give(**given):
+        options.set_defaults({})
+        for name, value in given.items():
+            database[name] = value
+
+    yield give
+    options.set_defaults({})
+    for name in database.getAll():
+        if name not in before:
+            database.delValue(name)
+
+
+@pytest.fixture
 def shared_tmp_path(comm, tmp_path) -> Path:
     """An empty directory that is the same on every rank (`tmp_path` is one of each rank's own)."""
     return comm.bcast(tmp_path)

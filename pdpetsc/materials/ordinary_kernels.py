@@ -112,21 +112,9 @@ def force(D, data, f, first, size, space):
     k, B, t, a, b = data.k, data.B, space.t, space.a, space.b
     dilates = len(B) > 0
     theta = extensions(
-        D,
-        k,
-        dilates,
-        data.by_length,
-        data.rotation_weighted,
-        data.linear,
-        first,
-        size,
-        space.xi,
-        space.eta,
-        t,
-        a,
-        b,
+        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, t, a, b,
         space.s,
-    )
+    )  # fmt: skip
     if dilates:
         pressure = B[f] * theta
         for q in range(size):

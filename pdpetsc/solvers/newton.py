@@ -80,15 +80,13 @@ class Newton:
 
     Args:
         assembler: of the body.
-        blocks: about how many the assembled tangent has, by which tangent and solver are chosen; if None, as the
-            assembler finds.
+        blocks: about how many the assembled tangent has, by which tangent and solver are chosen.
     """
 
-    def __init__(self, assembler: Assembler, blocks: float | None = None):
+    def __init__(self, assembler: Assembler, blocks: float):
         self._assembler = assembler
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
         self.snes = snes = PETSc.SNES().create(assembler.particles.comm)
-        blocks = assembler.expected_blocks() if blocks is None else blocks
         choice = choose(assembler.dim, assembler.particles.count, blocks, options.given())
         self.tangent = tangent(assembler, choice.kind)
         operator, preconditioner = self.tangent.operator, self.tangent.preconditioner

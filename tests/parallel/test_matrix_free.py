@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from bodies import affine, assembler, distributed, jittered, whole
 from models import MODELS, dimensions_of_the_model, lattice, model, strong_gradient  # noqa: F401
-from petsc4py import PETSc
 
-from pdpetsc import options as petsc_options
 from pdpetsc.compact import CompactStiffness, short_wave_inverse
 from pdpetsc.errors import InputError
 from pdpetsc.solvers.newton import Newton
@@ -14,36 +12,19 @@ from pdpetsc.solvers.newton import Newton
 pytestmark = pytest.mark.mpi
 
 
-@pytest.fixture
-def options():
-    """`options(name=value, ...)` for PETSc; as before afterwards."""
-    given = []
-
-    def give(**values):
-        for name, value in values.items():
-            PETSc.Options()[name] = value
-            given.append(name)
-
-    yield give
-    petsc_options.set_defaults({})
-    for name in given:
-        PETSc.Options().delValue(name)
-
-
-def solve(a, options, kind, start=None, **more):
+def solve(a, petsc_options, kind, start=None, **more):
     """Displacements, record and the kind of tangent that was taken."""
-    options(pd_tangent=kind, **more)
-    newton = Newton(a)
+    petsc_options(pd_tangent=kind, **more)
+    newton = Newton(a, 0.0)
     u, record = newton.advance(np.zeros((a.particles.owned, a.dim)) if start is None else start, 1.0)
     assert newton.tangent.kind == kind
     newton.destroy()
-    petsc_options.set_defaults({})
     return u, record
 
 
 @pytest.mark.parametrize("dim", (1, 2, 3))
 @pytest.mark.parametrize("row", MODELS, ids=lambda row: row.name)
-def test_same_solution(comm, options, row, dim):
+def test_same_solution(comm, petsc_options, row, dim):
     """Of a jittered body, stretched by 2 % and turned by its left end, with the direct solver and without a matrix.
 
     Without zero-energy control a lattice of these horizons is close to singular: those models are tried with the
@@ -54,8 +35,8 @@ def test_same_solution(comm, options, row, dim):
     gradient = 0.02 * strong_gradient(dim)
     size = {1: 12, 2: 12, 3: 12}[dim]
     a = assembler(p, row, held=lambda X: (X[:, :1] < 1.6) | (X[:, :1] > size - 1.6), value=affine(gradient), young=70e9)
-    expected, _ = solve(a, options, "assembled", snes_rtol=1e-12)
-    found, record = solve(a, options, "matrix_free", snes_rtol=1e-12)
+    expected, _ = solve(a, petsc_options, "assembled", snes_rtol=1e-12)
+    found, record = solve(a, petsc_options, "matrix_free", snes_rtol=1e-12)
     assert record.residual_norms[-1] <= 1e-12 * record.residual_scale or record.rounding_floor
     scale = max(comm.allgather(float(np.abs(expected).max(initial=0))))
     assert max(comm.allgather(float(np.abs(found - expected).max(initial=0)))) < 1e-8 * scale
@@ -63,13 +44,13 @@ def test_same_solution(comm, options, row, dim):
 
 
 @pytest.mark.parametrize(("name", "most"), (("hencky-silling", 30), ("ordinary", 30), ("bond-plane-stress", 30)))
-def test_iterations_do_not_grow(comm, options, name, most):
+def test_iterations_do_not_grow(comm, petsc_options, name, most):
     """With the number of particles: to 1e-8 on 20^2, 40^2 and 80^2, pulled at one side."""
     counts = []
     for n in (20, 40, 80):
         p = distributed(lattice((n, n)), 3.015)
         a = assembler(p, model(name), held=lambda X, n=n: (X[:, :1] < 3) | (X[:, :1] > n - 3), value=["1e-3 * X", 0.0])
-        _, record = solve(a, options, "matrix_free", ksp_rtol=1e-8, snes_max_it=1, snes_rtol=1e-6)
+        _, record = solve(a, petsc_options, "matrix_free", ksp_rtol=1e-8, snes_max_it=1, snes_rtol=1e-6)
         counts.append(record.linear_iterations / record.newton_iterations)
     assert max(counts) < most
     assert counts[-1] < 1.3 * counts[0]
@@ -126,44 +107,44 @@ def test_compact_stiffness_of_a_lattice_is_isotropic(comm):
                 assert np.allclose(value, expected, atol=1e-12)
 
 
-def test_an_unknown_tangent(comm, options):
+def test_an_unknown_tangent(comm, petsc_options):
     a = assembler(distributed(lattice((4, 4)), 2.015), model("ordinary"), held=lambda X: X[:, :1] < 1)
-    options(pd_tangent="matrixfree")
+    petsc_options(pd_tangent="matrixfree")
     with pytest.raises(InputError, match="-pd_tangent: is 'matrixfree'; choices: assembled, matrix_free"):
-        Newton(a)
+        Newton(a, 0.0)
 
 
 @pytest.mark.parametrize("more", ({"snes_convergence_test": "default"}, {"snes_type": "ksponly"}))
-def test_convergence_tests_of_the_user(comm, options, more):
+def test_convergence_tests_of_the_user(comm, petsc_options, more):
     """Ours is not asked then, and keeps no history."""
     p = distributed(lattice((8, 4)), 2.015)
     a = assembler(p, model("ordinary"), held=lambda X: X[:, :1] < 2, value="1e-3 * Y")
-    u, _ = solve(a, options, "matrix_free", **more)
+    u, _ = solve(a, petsc_options, "matrix_free", **more)
     assert np.abs(a.residual_array(u)).max(initial=0) <= 1e-3 * max(a.residual_scale(), 1e-300)
 
 
 @pytest.mark.parametrize("name", ("ordinary", "hencky-silling"))
-def test_a_rigid_jump(comm, options, name):
+def test_a_rigid_jump(comm, petsc_options, name):
     """Far beyond the body's size in one step: the predictor is exact to a fraction of the spacing."""
     p = distributed(lattice((24, 8)), 3.015)
     a = assembler(p, model(name), held=lambda X: X[:, :1] < 3, value=100.0)
-    u, record = solve(a, options, "matrix_free")
+    u, record = solve(a, petsc_options, "matrix_free")
     assert max(comm.allgather(float(np.abs(u - 100).max(initial=0)))) < 1e-6
     assert record.newton_iterations <= 6
 
 
-def test_a_preconditioner_alone_does_not_solve(comm, options):
+def test_a_preconditioner_alone_does_not_solve(comm, petsc_options):
     a = assembler(distributed(lattice((4, 4)), 2.015), model("ordinary"), held=lambda X: X[:, :1] < 1)
-    options(pd_tangent="matrix_free", ksp_type="preonly")
+    petsc_options(pd_tangent="matrix_free", ksp_type="preonly")
     with pytest.raises(InputError, match=r"-ksp_type preonly: .*; add -pd_tangent assembled"):
-        Newton(a)
+        Newton(a, 0.0)
 
 
-def test_answers_of_all_ranks_agree(comm, options):
+def test_answers_of_all_ranks_agree(comm, petsc_options):
     """Against the body on one process alone, by its residual."""
     p = distributed(jittered((16, 12), 0.1), 3.015)
     a = assembler(p, model("ordinary"), held=lambda X: X[:, :1] < 3, value="1e-3 * Y")
-    u, _ = solve(a, options, "matrix_free", snes_rtol=1e-12, ksp_rtol=1e-12)
+    u, _ = solve(a, petsc_options, "matrix_free", snes_rtol=1e-12, ksp_rtol=1e-12)
     everywhere = whole(comm, p, u)
     for other in comm.allgather(everywhere):
         assert np.array_equal(other, everywhere)

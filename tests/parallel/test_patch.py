@@ -8,26 +8,16 @@ import numpy as np
 import pytest
 from bodies import affine, assembler, distributed, jittered
 from models import MODELS, lattice, model, strong_gradient
-from petsc4py import PETSc
 
-from pdpetsc.options import set_defaults
 from pdpetsc.solvers.newton import Newton
 
 pytestmark = pytest.mark.mpi
 
 
 @pytest.fixture(autouse=True)
-def options():
-    """Tight tolerances, and PETSc's options as they were before."""
-    set_defaults({})
-    database = PETSc.Options()
-    before = database.getAll()
-    database["snes_rtol"] = 1e-14
-    yield
-    set_defaults({})
-    for name in database.getAll():
-        if name not in before:
-            database.delValue(name)
+def tight(petsc_options):
+    """Tolerances of all solutions here."""
+    petsc_options(snes_rtol=1e-14)
 
 
 def patch(counts, factor: float, row, gradient, spacing: float = 1.0, amount: float = 0.0, seed: int = 0):
@@ -81,7 +71,7 @@ def test_affine_fields_on_a_uniform_lattice(comm, counts, factor, name):
     ripple = 0.02 * np.random.default_rng(1).uniform(-1, 1, (p.count, p.dim))[p.id[: p.owned]]
     start = p.position[: p.owned] @ gradient.T + np.where(a.constrained, 0.0, ripple)
     assert deviation(comm, p, a, start, gradient, None)[0] > 1e-3
-    u, _ = Newton(a).advance(start, 1.0)
+    u, _ = Newton(a, 0.0).advance(start, 1.0)
     assert deviation(comm, p, a, u, gradient, None)[0] < 1e-12
     local = a.localise(u)
     (material,) = a.materials
@@ -112,7 +102,7 @@ def test_jittered_lattices_converge(comm, factor):
     cells, errors = np.array([8, 16, 32]), []
     for n in cells:
         p, a, _ = patch((n, n), factor, model("hencky-silling"), gradient, 1 / n, amount=0.2)
-        u, _ = Newton(a).advance(np.zeros((p.owned, 2)), 1.0)
+        u, _ = Newton(a, 0.0).advance(np.zeros((p.owned, 2)), 1.0)
         errors.append(deviation(comm, p, a, u, gradient, np.abs(gradient).max())[1])
     rate = -np.polyfit(np.log(cells), np.log(errors), 1)[0]
     assert 0.8 < rate < 1.3

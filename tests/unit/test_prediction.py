@@ -1,13 +1,12 @@
 """What `pdpetsc check` tells, against what runs build; and what `run` refuses."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from pdpetsc import case, cli, driver, memory, options
+from pdpetsc import case, cli, driver, memory, simulation
 from pdpetsc.case import Case
 from pdpetsc.census import FEWEST, FULL, QUICK, take_census
 from pdpetsc.errors import InputError
@@ -19,23 +18,7 @@ from pdpetsc.solvers.tangent import choose
 MODELS = ("ordinary", "correspondence", "bond")
 
 
-@pytest.fixture(autouse=True)
-def petsc_options(monkeypatch):
-    """`petsc_options(name=value, ...)` gives options as a user does; put back afterwards."""
-    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
-    options.set_defaults({})
-    database = PETSc.Options()
-    before = database.getAll()
-
-    def give(**given):
-        for name, value in given.items():
-            database[name] = value
-
-    yield give
-    options.set_defaults({})
-    for name in database.getAll():
-        if name not in before:
-            database.delValue(name)
+pytestmark = pytest.mark.usefixtures("petsc_options")
 
 
 def cube(edge, model="ordinary", horizon=3.015, dim=3, **material):
@@ -171,6 +154,17 @@ def test_choose(arguments, given, kind):
     assert choose(*arguments, given)[0] == kind
 
 
+@pytest.mark.mpi
+def test_a_body_that_a_quick_look_misses_is_not_assembled(monkeypatch):
+    def missed(case, effort):
+        raise InputError("body.keep: no particle is left")
+
+    monkeypatch.setattr(simulation, "take_census", missed)
+    run = Simulation(made(cube(8)), PETSc.COMM_WORLD)
+    assert run.newton.tangent.kind == "matrix_free"
+    run.newton.destroy()
+
+
 @pytest.mark.parametrize("word", ("free", ""))
 def test_an_unknown_tangent(petsc_options, word):
     petsc_options(pd_tangent=word)
@@ -259,7 +253,7 @@ def test_a_run_that_does_not_fit_is_refused_before_it_builds_anything(comm, shar
 @pytest.mark.mpi
 def test_check_says_so_too(comm, monkeypatch, capsys):
     monkeypatch.setattr(driver, "available_memory", lambda: 8e6)
-    assert cli.main(["check", "clamped_beam", "--ranks", "8"]) == 0
+    assert cli.main(["check", "clamped_beam", "--ranks", "8"]) == 2
     said = capsys.readouterr().out
     if comm.rank == 0:
         assert "particles  456\n" in said and "on each of 8 ranks" in said
