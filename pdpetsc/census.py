@@ -6,7 +6,6 @@ counts the same, and nothing is communicated.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ from pdpetsc.body.box import BLOCK, Lattice, blocks_of, coordinates, horizon_fie
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.compact import REACH
-from pdpetsc.errors import InputError
+from pdpetsc.errors import InputError, at
 from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.particles import Points
@@ -203,7 +202,7 @@ class _Survey:
             if view.names[0] not in self._case.material:
                 continue
             spec = self._case.material[view.names[0]]
-            with _at(f"material.{view.names[0]}"):
+            with at(f"material.{view.names[0]}"):
                 part = self._neighbourhood(view, spec)
             wV, xi = part.weight * part.volume[part.families.neighbours], view.distance[view.family]
             ratio = float((wV / xi).sum() / (wV * xi).sum())
@@ -211,7 +210,7 @@ class _Survey:
             largest[view.names[0]] = spec, part
         made = {}
         for name, (spec, part) in largest.items():
-            with _at(f"material.{name}"):
+            with at(f"material.{name}"):
                 made[name] = Material.models[spec.model].from_case(spec, part)
         return made, shortness
 
@@ -235,15 +234,6 @@ class _Survey:
             wide = self.view(place, 2) if coupling else view
             rows.append(wide.row(coupling, self._tolerance - 1))
         return rows
-
-
-@contextmanager
-def _at(place: str):
-    """Put the place in front of an error."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
 
 
 def _growing(effort: Effort) -> Iterator[np.ndarray]:

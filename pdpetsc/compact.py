@@ -93,7 +93,7 @@ class CompactStiffness:
     def _add_rows(self, x, families, own, k, sideways, dual, row_offsets, columns, blocks, upper) -> None:
         """Springs in linear kinematics from the positions x: k n n + sideways (I - n n)."""
         dim, none = len(self._D), np.empty(0)
-        data, tangent = Extensions(k - sideways, none, True, False, True), ExtensionTangent(none)
+        data, tangent = Extensions(k - sideways, none, None, False, True), ExtensionTangent(none)
         bonds = families.center, families.offsets, families.neighbours
         empty = np.empty((0, dim))
         element = np.empty((families.bonds, dim, dim)), empty, empty, empty, empty

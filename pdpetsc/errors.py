@@ -1,5 +1,7 @@
 """The two ways in which a run can fail for a reason that a person can mend."""
 
+from contextlib import contextmanager
+
 
 class InputError(Exception):
     """The case, a file or an option is wrong: one sentence with place, cause and remedy (exit code 2).
@@ -10,3 +12,12 @@ class InputError(Exception):
 
 class ConvergenceError(Exception):
     """Equilibrium was not reached at a load step (exit code 3); raised on all ranks alike."""
+
+
+@contextmanager
+def at(place: str):
+    """Put the place in front of an error."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None

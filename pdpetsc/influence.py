@@ -1,4 +1,4 @@
-"""Influence functions and partial volumes: the weight of each bond."""
+"""Influence functions, and with partial volumes the weight of each bond."""
 
 from collections.abc import Callable
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from pdpetsc.bonds import Families
 from pdpetsc.errors import InputError
+from pdpetsc.partial_volume import PARTIAL_VOLUME
 
 Influence = Callable[[np.ndarray], np.ndarray]
 
@@ -19,15 +20,6 @@ INFLUENCE: dict[str, Influence] = {
 """Influence functions w(r), r = |xi| / delta: 1, 1/r, 1 - r, the cubic spline 1 - 3r^2 + 2r^3 and exp(-(2r)^2)."""
 
 
-def _linear_partial_volume(length, horizon, spacing):
-    """beta = (delta + r - |xi|) / 2r in [0, 1] with r = dx/2 (seed 000 Eq. 81, which prints r = 2 dx)."""
-    return np.clip((horizon + spacing / 2 - length) / spacing, 0, 1)
-
-
-PARTIAL_VOLUME = {"none": lambda length, horizon, spacing: np.ones_like(length), "linear": _linear_partial_volume}
-"""Partial-volume factors beta of a neighbour whose cell of width `spacing` is cut by the horizon."""
-
-
 def influence_function(chosen) -> Influence:
     """That of a case's `influence`: a name in INFLUENCE, or an expression of r."""
     return INFLUENCE[chosen] if isinstance(chosen, str) else lambda r: chosen(r=r)
@@ -39,6 +31,8 @@ def bond_weights(
 ) -> np.ndarray:  # fmt: skip
     """Influence times partial-volume factor w beta of each bond [-]; bonds up to the tolerance have w(1) at most.
 
+    `partial` is a name in PARTIAL_VOLUME, or "none".
+
     Raises:
         InputError: a weight is negative or no number, or all weights of a family are zero.
     """
@@ -49,7 +43,10 @@ def bond_weights(
         length = part.lengths(position)
         delta = part.per_bond(horizon)
         r = np.minimum(length / delta, 1.0)
-        w = influence(r) * PARTIAL_VOLUME[partial](length, delta, spacing[part.neighbours])
+        w = influence(r)
+        if partial != "none":
+            xi = position[part.neighbours] - part.per_bond(position)
+            w = w * PARTIAL_VOLUME[partial](xi, delta, spacing[part.neighbours])
         wrong = np.flatnonzero(~((w >= 0) & (w < np.inf)))
         if len(wrong):
             raise InputError(

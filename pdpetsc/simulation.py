@@ -17,7 +17,7 @@ from pdpetsc.body.surfaces import on_surface
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK, take_census
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, at
 from pdpetsc.grading import warn_thin_zones
 from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.loads.base import Load, Site
@@ -268,19 +268,18 @@ def _materials(case: Case, p: Particles, families: Families, interior: int, sets
             warn(p.comm.tompi4py(), f"material.{name}: the model {spec.model!r} does not use {', '.join(unused)}")
         members = sets[spec.where]
         count += members
-        with collective(p.comm.tompi4py()):
-            chosen = np.flatnonzero(members[families.center])
-            own = families.subset(chosen)
-            influence = influence_function(spec.influence)
-            try:
-                weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
-                part = Neighbourhood(
-                    own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence,
-                    int(np.searchsorted(chosen, interior)),
-                )  # fmt: skip
-                materials.append(Material.models[spec.model].from_case(spec, part))
-            except InputError as error:
-                raise InputError(f"material.{name}: {error}") from None
+        chosen = np.flatnonzero(members[families.center])
+        own = families.subset(chosen)
+        influence = influence_function(spec.influence)
+        with collective(p.comm.tompi4py()), at(f"material.{name}"):
+            weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
+        part = Neighbourhood(
+            own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence,
+            int(np.searchsorted(chosen, interior)), p.exchange.forward,
+        )  # fmt: skip
+        with collective(p.comm.tompi4py()), at(f"material.{name}"):
+            # Those that communicate raise on all ranks alike (`Neighbourhood.forward`).
+            materials.append(Material.models[spec.model].from_case(spec, part))
     mpi = p.comm.tompi4py()
     for name, material in zip(case.material, materials):
         unmatched, families = mpi.allreduce(np.array([material.unmatched, len(material.families)]))

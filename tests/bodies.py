@@ -69,7 +69,10 @@ def assembler(
     for number, row in enumerate(rows):
         own = families.subset(np.flatnonzero(kind == number))
         weight = bond_weights(own, p.position, p.horizon, p.spacing, INFLUENCE[influence], "none")
-        materials.append(row.build(Neighbourhood(own, weight, p.position, p.volume, p.horizon, p.spacing), young))
+        part = Neighbourhood(
+            own, weight, p.position, p.volume, p.horizon, p.spacing, forward=p.exchange.forward
+        )  # fmt: skip
+        materials.append(row.build(part, young))
     loads = list(loads)
     if held is not None:
         X = p.position[: p.owned]

@@ -35,6 +35,8 @@ class Model:
         inverts: whether it knows inverted families.
         lateral: whether the directions that a body does not have may be strained (plane stress).
         dims: dimensions in which it is defined.
+        reach: horizons from a particle to the furthest one that changes the constants of the forces on it, or the
+            forces themselves.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Model:
     inverts: bool = False
     lateral: bool = False
     dims: tuple[int, ...] = (1, 2, 3)
+    reach: int = 2
 
 
 def correspondence(elasticity: str, control: str, plane: str = "strain") -> Model:
@@ -65,7 +68,7 @@ def ordinary(name: str, model: type[Ordinary], poisson: float = POISSON, **switc
     return Model(
         name, lambda part, young: model(part, young, poisson, **switches),
         objective=not linear and not turning, angular=not linear, hyperelastic=not turning, linear=linear,
-        lateral=switches.get("plane") == "stress",
+        lateral=switches.get("plane") == "stress", reach=2 + (switches.get("surface_correction") == "directional"),
     )  # fmt: skip
 
 
@@ -77,12 +80,15 @@ MODELS = [
     ordinary("bond-general", BondBased, 0.25, microelastic="general", quadrature="plain"),
     ordinary("bond-linear", BondBased, 0.25, kinematics="linear"),
     ordinary("bond-plane-stress", BondBased, 1 / 3, plane="stress"),
+    ordinary("bond-directional", BondBased, 0.25, quadrature="plain", surface_correction="directional"),
     ordinary("ordinary", LinearPeridynamicSolid),
     ordinary("ordinary-plain-plane-stress", LinearPeridynamicSolid, plane="stress", quadrature="plain"),
     ordinary("ordinary-linear", LinearPeridynamicSolid, kinematics="linear"),
     ordinary("abd", ABD),
     ordinary("abd-objective", ABD, rotation_weighted=False, plane="stress"),
     ordinary("abd-linear", ABD, kinematics="linear"),
+    ordinary("abd-directional", ABD, rotation_weighted=False, surface_correction="directional"),
+    ordinary("abd-directional-linear", ABD, kinematics="linear", plane="stress", surface_correction="directional"),
 ]
 NAMES = [model.name for model in MODELS]
 

@@ -14,7 +14,18 @@ LONGEST = 350  # lines of a room
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
     ("errors", "expressions", "quantities", "timings", "parallel", "options", "memory"),
-    ("body", "particles", "bonds", "influence", "quadrature", "exchange", "support", "grading", "state"),
+    (
+        "body",
+        "particles",
+        "bonds",
+        "partial_volume",
+        "influence",
+        "quadrature",
+        "exchange",
+        "support",
+        "grading",
+        "state",
+    ),
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
     ("assembly",),
@@ -35,6 +46,7 @@ ONLY = {
         "materials",
         "bonds",
         "influence",
+        "partial_volume",
         "quantities",
         "errors",
         "expressions",
@@ -44,7 +56,7 @@ ONLY = {
 # And of everything else: models are testable with two particles and nothing but numpy and numba.
 OUTSIDE = {
     room: {"numpy", "numba", "annotated_types"} | set(sys.stdlib_module_names)
-    for room in ("materials", "damage", "bonds", "influence", "quadrature")
+    for room in ("materials", "damage", "bonds", "partial_volume", "influence", "quadrature")
 }
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

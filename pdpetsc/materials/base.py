@@ -7,6 +7,7 @@ across an interface: i -> j belongs to the material of i, j -> i to that of j. I
 stored energy: +dW/du, so that equilibrium reads force(u) = external force.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -26,6 +27,11 @@ Plane = Literal["strain", "stress"]
 Quadrature = Literal["matched", "plain"]
 
 
+def whole(field: np.ndarray) -> np.ndarray:
+    """The field of a body without ghosts, as it is."""
+    return field
+
+
 @dataclass(frozen=True)
 class Neighbourhood:
     """The part of the body that a material acts on, as seen by one rank.
@@ -37,6 +43,8 @@ class Neighbourhood:
         thickness: of a 2D body, cross-section of a 1D one, 1 in 3D; the volumes contain it.
         influence: the function w(r) that is in the weights.
         interior: number of the first families that are known to contain no ghost, for `Assembler`.
+        forward: fills the ghosts' entries of a (local, dim) field from their owners, in place, and returns it. All
+            ranks must call it alike: a model that does must not have raised an error on some ranks only before.
     """
 
     families: Families
@@ -48,6 +56,7 @@ class Neighbourhood:
     thickness: float = 1.0
     influence: Influence = INFLUENCE["constant"]
     interior: int = 0
+    forward: Callable[[np.ndarray], np.ndarray] = whole
 
     @property
     def dim(self) -> int:
@@ -157,7 +166,8 @@ class Material:
         """From the keys of the case's `[material.NAME]` table.
 
         Raises:
-            InputError: a family on which the model is not defined (on this rank only).
+            InputError: a family on which the model is not defined (on this rank only; on all ranks alike where the
+                model calls `part.forward`).
         """
         raise NotImplementedError
 

@@ -7,6 +7,7 @@ import numpy as np
 from pdpetsc.influence import Influence
 from pdpetsc.materials.base import Elastic, Neighbourhood, PoissonRatio, Quadrature
 from pdpetsc.materials.ordinary import SPHERE, Kinematics, Moduli, Ordinary, SurfaceCorrection, scaled_to
+from pdpetsc.materials.surface import direction_factors
 from pdpetsc.quadrature import matched_weights
 
 SAME_RATIO = 0.005
@@ -34,7 +35,8 @@ class BondBased(Ordinary):
         young, poisson, plane: E [force/area], nu [-], "strain" or "stress".
         quadrature: "matched" or "plain" weights.
         microelastic: "prototype" or "general".
-        surface_correction: of plain weights: "energy" scales k in each family so that sum k |xi|^2 = n^2 K', or "none".
+        surface_correction: of plain weights: "energy" scales k in each family so that sum k |xi|^2 = n^2 K',
+            "directional" that of each bond by the factors of `surface.direction_factors`, or "none".
     """
 
     name = "bond"
@@ -84,6 +86,8 @@ class BondBased(Ordinary):
         k = weight * part.volume[families.neighbours]
         if surface_correction == "energy":
             k = scaled_to(part, k, 2, moment)
+        elif surface_correction == "directional":
+            k *= direction_factors(part, k, 2, 3 * moment / (n * (n + 2)))
         self._switches = {
             "nu": poisson, "quadrature": quadrature, "microelastic": microelastic,
             "surface_correction": surface_correction,

@@ -4,9 +4,9 @@ All are quadratic in the extensions e = |y| - |xi| (ordinary_kernels.py):
 
     w = 1/2 A theta^2 + 1/2 sum k e^2,    theta = sum c e,    T<xi> V_j = (A theta c + k e) n
 
-A model is its constants k of each bond and A of each family; c is k times |xi| or 1, times a factor of the family that
-goes into A (B below). Moduli are those of n dimensions: lambda and mu in 3D
-and plane strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
+A model is its constants k and c of each bond and A of each family; c is k |xi|, or k times a number of each bond's own,
+times a factor of the family that goes into A (B below). Moduli are those of n dimensions: lambda and mu in 3D and plane
+strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
 """
 
 from typing import Literal, NamedTuple
@@ -20,10 +20,11 @@ from pdpetsc.materials import sums
 from pdpetsc.materials.base import Elastic, Material, Neighbourhood, Quadrature
 from pdpetsc.materials.elasticity import lame_constants
 from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent, resist_strain
+from pdpetsc.materials.surface import direction_factors
 from pdpetsc.quadrature import matched_weights
 
 Kinematics = Literal["nonlinear", "linear"]
-SurfaceCorrection = Literal["none", "energy"]
+SurfaceCorrection = Literal["none", "energy", "directional"]
 
 SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}
 """Surface of the unit sphere in n dimensions."""
@@ -69,21 +70,21 @@ class Ordinary(Material):
         moduli: of the solid that the model stands for.
         k: stiffness of each bond: k e^2/2 is an energy per volume [force/length^4].
         B: modulus of each family's dilatation theta = sum k s e; None: there is none.
-        by_length: whether s is |xi|, not 1.
+        s: of each bond; None: |xi|.
         kinematics: "nonlinear", or "linear" for small displacements (e = xi.eta/|xi| along the reference bond).
         rotation_weighted: whether a bond counts in the dilatation with the cosine of its rotation.
     """
 
     def __init__(
-        self, part: Neighbourhood, moduli: Moduli, k: np.ndarray, B: np.ndarray | None = None, by_length: bool = True,
-        kinematics: str = "nonlinear", rotation_weighted: bool = False,
+        self, part: Neighbourhood, moduli: Moduli, k: np.ndarray, B: np.ndarray | None = None,
+        s: np.ndarray | None = None, kinematics: str = "nonlinear", rotation_weighted: bool = False,
     ):  # fmt: skip
         linear = kinematics == "linear"
         rotation_weighted = rotation_weighted and not linear  # there bonds do not turn
         self.couples_family = dilates = B is not None
         self.symmetric, self.follows_bonds, self.linear = not rotation_weighted, not linear, linear
         self.moduli, self.kinematics = moduli, kinematics
-        data = Extensions(k, B if dilates else np.empty(0), by_length, rotation_weighted, linear)
+        data = Extensions(k, B if dilates else np.empty(0), s, rotation_weighted, linear)
         tangent = ExtensionTangent(np.empty(len(data.B)))
         super().__init__(part, data, tangent, moduli.lame, moduli.shear, moduli.plane)
         if not dilates:  # a spring between two families is evaluated once
@@ -192,7 +193,7 @@ class ABD(Ordinary):
         part, kinematics, rotation_weighted: as in `Ordinary`; the influence function must be constant.
         young, poisson, plane: E [force/area], nu [-], "strain" or "stress".
         surface_correction: "energy" scales k and c in each family so that sum k |xi|^2 = n (n + 2) mu and
-            sum c |xi| = n, or "none".
+            sum c |xi| = n, "directional" those of each bond by the factors of `surface.direction_factors`, or "none".
     """
 
     name = "abd"
@@ -217,9 +218,15 @@ class ABD(Ordinary):
         if surface_correction == "energy":
             k = scaled_to(part, k, 2, n * (n + 2) * moduli.shear)
             ratio = n / part.families.sums(k * length)
+        s = np.ones_like(k)
+        if surface_correction == "directional":
+            c = k * np.repeat(ratio, np.diff(part.families.offsets))
+            factor = direction_factors(part, k, 2, 3 * moduli.shear)
+            s = direction_factors(part, c, 1, 1.0) / factor
+            k *= factor
         self._surface_correction = surface_correction
         B = moduli.dilatation * ratio**2
-        super().__init__(part, moduli, k, B, False, kinematics, rotation_weighted)
+        super().__init__(part, moduli, k, B, s, kinematics, rotation_weighted)
 
     @classmethod
     def from_case(cls, keys, part):

@@ -3,10 +3,9 @@
     w = 1/2 B theta^2 + 1/2 sum k e^2,   theta = sum k s Lambda e,   t = (B theta k s Lambda + k e) n
 
 with e = |y| - |xi|, n = y/|y|, a stiffness k of each bond that holds the neighbour's volume and weight, a modulus B of
-each family, and s = |xi| or 1: the dilatation of all models weighs extensions by k s, up to a factor of the family
-that is in B. Lambda = 1, or the cosine n . xi/|xi| of the bond's rotation with which seed 000 Eq. 32-34 weighs the
-dilatation (t is then no gradient, and the tangent unsymmetric). Linear kinematics have e = xi.eta/|xi| and n = xi/|xi|
-(seed 003 Eq. 17, 20).
+each family, and s = |xi| or a number of each bond's own, up to a factor of the family that is in B. Lambda = 1, or the
+cosine n . xi/|xi| of the bond's rotation with which seed 000 Eq. 32-34 weighs the dilatation (t is then no gradient,
+and the tangent unsymmetric). Linear kinematics have e = xi.eta/|xi| and n = xi/|xi| (seed 003 Eq. 17, 20).
 
 e is computed as (2 xi.eta + eta.eta)/(|y| + |xi|), which keeps all digits of small strains.
 """
@@ -14,7 +13,8 @@ e is computed as (2 xi.eta + eta.eta)/(|y| + |xi|), which keeps all digits of sm
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 
 from pdpetsc.materials.families import (
     FAST,
@@ -39,14 +39,14 @@ class Extensions(NamedTuple):
     Attributes:
         k: stiffness of each bond [force/length^4].
         B: modulus of each family's dilatation, of length 0 where there is none.
-        by_length: whether s is |xi|, not 1.
+        s: of each bond; None where it is |xi|, or there is no dilatation.
         rotation_weighted: whether Lambda is the cosine, not 1.
         linear: whether kinematics are linear.
     """
 
     k: np.ndarray
     B: np.ndarray
-    by_length: bool
+    s: np.ndarray | None
     rotation_weighted: bool
     linear: bool
 
@@ -57,10 +57,21 @@ class ExtensionTangent(NamedTuple):
     pressure: np.ndarray
 
 
+def lever(s, bond, length):
+    """s of a bond of this length. Two functions and not a branch: s is known when the loops are compiled."""
+
+
+@overload(lever, inline="always")
+def _(s, bond, length):
+    if isinstance(s, types.NoneType):
+        return lambda s, bond, length: length
+    return lambda s, bond, length: s[bond]
+
+
 @njit(cache=True, inline="always")
-def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta, y, a, b, s):
+def extensions(D, k, dilates, given, weighted, linear, first, size, xi, eta, y, a, b, s):
     """Fill y with vectors along the bonds (y, or xi in linear kinematics), a with e/|y| and, with a dilatation, b with
-    s Lambda/|y|, so that t = k (a + B theta b) y; return theta. s is scratch."""
+    s Lambda/|y|, so that t = k (a + B theta b) y; return theta. `given` is the s of the data, s is scratch."""
     dim = len(D)
     theta = 0.0
     if linear:
@@ -72,7 +83,7 @@ def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta,
                 along += xi[p, q] * eta[p, q]
             a[q] = along / square
             if dilates:
-                b[q] = 1.0 if by_length else 1.0 / np.sqrt(square)
+                b[q] = lever(given, first + q, np.sqrt(square)) / np.sqrt(square)
                 theta += k[first + q] * b[q] * along
         return theta
     length = s[0]  # |y|
@@ -88,13 +99,10 @@ def extensions(D, k, dilates, by_length, weighted, linear, first, size, xi, eta,
         xi_length, y_length = np.sqrt(square), np.sqrt(current)
         inverse = 1.0 / (y_length * (y_length + xi_length))  # y = 0 has no direction: 0 times inf below
         a[q] = change * inverse
-        b[q] = xi_length * (y_length + xi_length) * inverse
+        b[q] = lever(given, first + q, xi_length) * (y_length + xi_length) * inverse
         length[q] = y_length
     if not dilates:
         return theta
-    if not by_length:
-        for q in range(size):
-            b[q] = 1.0 / length[q]
     if weighted:
         for q in range(size):
             square, along = 0.0, 0.0
@@ -112,7 +120,7 @@ def force(D, data, f, first, size, space):
     k, B, t, a, b = data.k, data.B, space.t, space.a, space.b
     dilates = len(B) > 0
     theta = extensions(
-        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, t, a, b,
+        D, k, dilates, data.s, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, t, a, b,
         space.s,
     )  # fmt: skip
     if dilates:
@@ -131,7 +139,7 @@ def energy(D, data, f, first, size, space):
     k, B, y, a = data.k, data.B, space.t, space.a
     dilates = len(B) > 0
     theta = extensions(
-        D, k, dilates, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, y, a,
+        D, k, dilates, data.s, data.rotation_weighted, data.linear, first, size, space.xi, space.eta, y, a,
         space.b, space.s,
     )  # fmt: skip
     w = 0.5 * B[f] * theta * theta if dilates else 0.0
@@ -150,12 +158,10 @@ def size(D, data, f, first, size, space):
     for q in range(size):
         b[q] = k[first + q] * a[q]
         if len(B) > 0:
-            square = 1.0
-            if data.by_length:
-                square = 0.0
-                for p in range(len(D)):
-                    square += xi[p, q] ** 2
-            a[q] = np.sqrt(square)
+            square = 0.0
+            for p in range(len(D)):
+                square += xi[p, q] ** 2
+            a[q] = lever(data.s, first + q, np.sqrt(square))
             theta += b[q] * a[q]
     if len(B) > 0:
         for q in range(size):
@@ -166,7 +172,7 @@ def size(D, data, f, first, size, space):
 def linearise(D, data, tangent, f, first, size, space):
     if len(data.B) > 0:
         theta = extensions(
-            D, data.k, True, data.by_length, data.rotation_weighted, data.linear, first, size, space.xi, space.eta,
+            D, data.k, True, data.s, data.rotation_weighted, data.linear, first, size, space.xi, space.eta,
             space.t, space.a, space.b, space.s,
         )  # fmt: skip
         tangent.pressure[f] = data.B[f] * theta
@@ -180,7 +186,7 @@ def linearise(D, data, tangent, f, first, size, space):
 def action(D, data, tangent, f, first, size, space):
     dim = len(D)
     k, B, xi, eta, d, t, a, b = data.k, data.B, space.xi, space.eta, space.deta, space.t, space.a, space.b
-    dilates, by_length, weighted = len(B) > 0, data.by_length, data.rotation_weighted
+    dilates, weighted = len(B) > 0, data.rotation_weighted
     pressure = tangent.pressure[f] if dilates else 0.0
     stress = 0.0  # dtheta
     if data.linear:
@@ -190,7 +196,7 @@ def action(D, data, tangent, f, first, size, space):
                 square += xi[p, q] * xi[p, q]
                 along += xi[p, q] * d[p, q]
             a[q] = along / square
-            b[q] = 1.0 if by_length else 1.0 / np.sqrt(square)
+            b[q] = lever(data.s, first + q, np.sqrt(square)) / np.sqrt(square)
             stress += k[first + q] * b[q] * along
         stress = B[f] * stress if dilates else 0.0
         for q in range(size):
@@ -199,8 +205,7 @@ def action(D, data, tangent, f, first, size, space):
             for q in range(size):
                 t[p, q] = a[q] * xi[p, q]
         return
-    s = space.s  # rows: tau, s Lambda k/|y|
-    tau = s[0]
+    tau = space.s[0]
     for q in range(size):
         square, current, cross, along, turned = 0.0, 0.0, 0.0, 0.0, 0.0
         for p in range(dim):
@@ -214,7 +219,7 @@ def action(D, data, tangent, f, first, size, space):
             t[p, q] = y
         xi_length, y_length = np.sqrt(square), np.sqrt(current)
         stiffness, inverse = k[first + q], 1.0 / y_length
-        share = stiffness * (xi_length if by_length else 1.0) * inverse  # k s/|y|
+        share = stiffness * lever(data.s, first + q, xi_length) * inverse  # k s/|y|
         if weighted:
             cosine = cross * inverse / xi_length
             turn = (turned / xi_length - cosine * along * inverse) * inverse  # turn.deta
@@ -243,7 +248,7 @@ def element(D, data, tangent, f, first, size, space, block, left, right):
     k, xi, eta, t, a, b = data.k, space.xi, space.eta, space.t, space.a, space.b
     dilates, weighted, linear = len(data.B) > 0, data.rotation_weighted, data.linear
     pressure = tangent.pressure[f] if dilates else 0.0
-    extensions(D, k, dilates, data.by_length, weighted, linear, first, size, xi, eta, t, a, b, space.s)
+    extensions(D, k, dilates, data.s, weighted, linear, first, size, xi, eta, t, a, b, space.s)
     n, turn = space.H[0], space.P[0]
     for q in range(size):
         square, current, cross = 0.0, 0.0, 0.0
@@ -257,7 +262,7 @@ def element(D, data, tangent, f, first, size, space, block, left, right):
             n[p] = t[p, q] / y_length
             turn[p] = (xi[p, q] / xi_length - cosine * n[p]) / y_length
         stiffness = k[first + q]
-        share = stiffness * (xi_length if data.by_length else 1.0)  # k s
+        share = stiffness * lever(data.s, first + q, xi_length)  # k s
         tau = 0.0 if linear else stiffness * a[q]
         if dilates and not linear:
             tau += pressure * share * cosine / y_length

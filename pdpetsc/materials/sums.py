@@ -35,6 +35,40 @@ def scale_to(D, X, center, offsets, neighbours, values, power, total):
             values[b] *= total[f] / sum
 
 
+@njit(cache=True, **FAST)
+def stretch_moments(D, X, center, offsets, neighbours, values, power, moments):
+    """Add to the moments (families, dim) the sums of values e^power, e = xi_p^2/|xi| the extension of a bond by a unit
+    strain in direction p."""
+    for f in range(len(center)):
+        i = center[f]
+        for b in range(offsets[f], offsets[f + 1]):
+            square = 0.0
+            for p in range(len(D)):
+                square += (X[neighbours[b], p] - X[i, p]) ** 2
+            for p in range(len(D)):
+                extension = (X[neighbours[b], p] - X[i, p]) ** 2 / np.sqrt(square)
+                moments[f, p] += values[b] * extension**power
+
+
+@njit(cache=True, **FAST)
+def between_ends(D, X, center, offsets, neighbours, factors, result):
+    """Fill result (bonds,) with the radius along each bond of the ellipsoid whose half axes are the means of the
+    factors (local, dim) of its ends; an end without factors has NaN and takes no part."""
+    for f in range(len(center)):
+        i = center[f]
+        for b in range(offsets[f], offsets[f + 1]):
+            j = neighbours[b]
+            square, total = 0.0, 0.0
+            for p in range(len(D)):
+                xi = X[j, p] - X[i, p]
+                axis = factors[i, p]
+                if not np.isnan(factors[j, p]):
+                    axis = 0.5 * (axis + factors[j, p])
+                square += xi * xi
+                total += (xi / axis) ** 2
+            result[b] = np.sqrt(square / total)
+
+
 @njit(cache=True)
 def folded(own, center, offsets, neighbours, volume, k):
     """Springs between two families of the same process as one: (offsets, neighbours, k) where the family of the lower

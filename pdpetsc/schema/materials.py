@@ -9,8 +9,9 @@ from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, cre
 import pdpetsc.materials  # noqa: F401  fills Material.models
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
-from pdpetsc.influence import INFLUENCE, PARTIAL_VOLUME
+from pdpetsc.influence import INFLUENCE
 from pdpetsc.materials.base import Keys, Material
+from pdpetsc.partial_volume import PARTIAL_VOLUME
 from pdpetsc.schema.table import Table, error_at
 from pdpetsc.schema.values import Horizon, Positive, SetName
 
@@ -38,7 +39,7 @@ class AnyMaterial(Table):
     where: SetName = "all"
     horizon: Horizon | None = None
     influence: Annotated[str | Expression, PlainValidator(_influence)] = "constant"
-    partial_volume: Literal[*PARTIAL_VOLUME] = "none"
+    partial_volume: Literal["none", *PARTIAL_VOLUME] = "none"
 
 
 def _table(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table]:

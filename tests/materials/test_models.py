@@ -147,6 +147,8 @@ def test_stiffness_at_reference_is_not_negative(row, dim):
 @every_model
 def test_a_body_is_the_sum_of_its_families(row, dim):
     """A material on a part of the particles evaluates their families alone, and parts add up to the whole."""
+    if row.reach > 2:
+        pytest.skip("constants depend on which neighbours have the same material")
     body = sample(dim)
     u, v = deformation(body.X), np.random.default_rng(1).normal(size=body.X.shape)
     families = body.families()

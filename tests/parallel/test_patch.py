@@ -1,4 +1,4 @@
-"""The patch test: affine displacements prescribed on layers two horizons wide around a body.
+"""The patch test: affine displacements prescribed around a body, on layers as wide as forces reach: two horizons.
 
 On a uniform lattice the affine field is the solution. On a jittered one F is still exact for it, but it is no longer in
 equilibrium, since no two families are alike (FORMULATION, "What is exact and what is not").
@@ -22,7 +22,7 @@ def tight(petsc_options):
 
 def patch(counts, factor: float, row, gradient, spacing: float = 1.0, amount: float = 0.0, seed: int = 0):
     """Particles and assembler of counts cells in the middle, with layers around them that follow the gradient."""
-    rows = int(2 * factor + 1e-6)
+    rows = int(row.reach * factor + 1e-6)
     dim = len(counts)
     outer = tuple(n + 2 * rows for n in counts)
     X = jittered(outer, amount, spacing, seed) if amount else lattice(outer, spacing)
