@@ -72,14 +72,14 @@ def test_it_is_stiffer_along_its_fibres(fibre):
 
 def test_its_keys_are_those_of_the_case_file(fibre):
     table = material_table(fibre)
-    setting = Setting(2, ("all",))
+    setting = Setting(2, ("all",), ())
     keys = table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0}, context=setting)
     assert fibre.from_case(keys, sample(2).neighbourhood()).choices()["fibres"]
     for wrong in ({"E": -1.0}, {"stiffening": "much"}, {"nu": 0.3}):
         with pytest.raises(ValidationError):
             table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0} | wrong, context=setting)
     with pytest.raises(ValidationError, match="two dimensions, not 3"):
-        table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0}, context=Setting(3, ("all",)))
+        table.model_validate({"model": "fibre", "E": 1.0, "stiffening": 2.0}, context=Setting(3, ("all",), ()))
 
 
 def test_snippets_of_the_case_file_page_are_valid():

@@ -7,6 +7,7 @@ Tension S along y, origin at the centre, SI units.  Theory and figures: docs/the
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -133,3 +134,43 @@ def strip_concentration():
     """(a/W, gross stress concentration) of a circular hole in a strip of half width W and half height 4 W."""
     strips = json.loads((DATA / "kirsch_plate.json").read_text())["strips"].values()
     return np.array([(s["a_over_W"], s["gross"]) for s in strips]).T
+
+
+class HoleLine:
+    """u_x and stresses yy on y = 0, from the tip of an elliptical hole to the edge, as means of the particles above and
+    below, beside finite elements.
+
+    Args:
+        directory: results of the case `elliptic_hole`.
+        b: the hole's smaller semi-axis.
+    """
+
+    def __init__(self, directory: Path, b: float):
+        with h5py.File(directory / "fields.h5") as file:
+            X, spacing, horizon = (file[name][...] for name in ("position", "spacing", "horizon"))
+            last = file[max(name for name in file if name.isdigit())]
+            u, stress, flux = (last[name][...] for name in ("u", "stress", "peridynamic_stress"))
+        near = np.flatnonzero((np.abs(X[:, 1]) < 0.75 * spacing) & (X[:, 0] > 0.05))
+        _, column = np.unique(np.rint(X[near, 0] / (0.05 * spacing.min())), return_inverse=True)
+
+        def mean(values):
+            return np.bincount(column, values[near]) / np.bincount(column)
+
+        self.x, self.delta, self.rho = mean(X[:, 0]), float(horizon[near].min()), b**2 / 0.05
+        self.ux, self.stress, self.flux = mean(u[:, 0]), mean(stress[:, 4]), mean(flux[:, 4])
+        self.reference = elliptic_hole(b=b)
+        self.ux_exact, self.stress_exact = (self.reference.along("y0", name, self.x) for name in ("ux", "syy"))
+
+    def errors_ux(self) -> list[float]:
+        """Total, within and beyond 50 radii of the tip, % (seed 000 Eq. 99: sums of absolute values)."""
+        near = self.x - 0.05 < 50 * self.rho
+        return [norm_1(self.ux, self.ux_exact, mask) for mask in (np.full(len(near), True), near, ~near)]
+
+    def errors_stress(self, values: np.ndarray) -> list[float]:
+        """Total and within a horizon of the tip, %."""
+        near = self.x - 0.05 < self.delta
+        return [norm_1(values, self.stress_exact, mask) for mask in (np.full(len(near), True), near)]
+
+
+def norm_1(values: np.ndarray, exact: np.ndarray, mask: np.ndarray) -> float:
+    return float(100 * np.abs(values - exact)[mask].sum() / np.abs(exact)[mask].sum())
