@@ -1,4 +1,4 @@
-"""The plate with an elliptical hole against finite elements, by the measure of seed 000 Eq. 99 and within its tables."""
+"""The plate with an elliptical hole beside finite elements, by the measure of seed 000 Eq. 99 and within its tables."""
 
 import holes
 import pytest
