@@ -7,6 +7,7 @@ from models import lattice
 from petsc4py import PETSc
 
 from pdpetsc.assembly import Assembler
+from pdpetsc.body.box import box
 from pdpetsc.bonds import find_families
 from pdpetsc.expressions import Expression
 from pdpetsc.influence import INFLUENCE, bond_weights
@@ -27,6 +28,17 @@ def distributed(X: np.ndarray, horizon, volume=None, spacing=1.0, seed: int = 0)
     volume = spacing ** X.shape[1] if volume is None else volume
     fields = {"position": X, "volume": volume, "spacing": spacing, "horizon": np.broadcast_to(horizon, n)}
     return distribute(comm, Points(mine.astype(np.int64), **{k: np.array(v[mine], float) for k, v in fields.items()}))
+
+
+def refined(size, refine, factor: float = 3.015, keep: str | None = None, comm=PETSc.COMM_WORLD) -> Particles:
+    """A box with cells of width 1, divided as the expression `refine` says; horizons by the local spacing."""
+    names = [*"XYZ"[: len(size)], "spacing"]
+    body = SimpleNamespace(
+        size=size, spacing=1.0, origin=[0.0] * len(size), thickness=1.0, layers={}, particles="cells", fitted=False,
+        refine=Expression(refine, names),
+    )  # fmt: skip
+    keep = None if keep is None else Expression(keep, names)
+    return distribute(comm, box(comm.tompi4py(), body, keep, lambda X, spacing: factor * spacing))
 
 
 def jittered(counts, amount: float, spacing: float = 1.0, seed: int = 0) -> np.ndarray:

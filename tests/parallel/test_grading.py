@@ -1,37 +1,15 @@
 """Zones of small horizons: which of them are too thin for the horizons around them (seed 000 Eq. 100)."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from bodies import distributed, families_of
+from bodies import distributed, families_of, refined
 from models import lattice
 from petsc4py import PETSc
 
-from pdpetsc.body.box import box
 from pdpetsc.expressions import Expression
 from pdpetsc.grading import thin_zones, warn_thin_zones
-from pdpetsc.particles import distribute
 
 pytestmark = pytest.mark.mpi
-
-
-def refined(size, refine, factor=3.015, keep=None, alone=False):
-    """A box with cells of width 1."""
-    names = [*"XYZ"[: len(size)], "spacing"]
-    body = SimpleNamespace(
-        size=size,
-        spacing=1.0,
-        origin=[0.0] * len(size),
-        thickness=1.0,
-        layers={},
-        particles="cells",
-        fitted=False,
-        refine=Expression(refine, names),
-    )
-    keep = None if keep is None else Expression(keep, names)
-    petsc = PETSc.COMM_SELF if alone else PETSc.COMM_WORLD
-    return distribute(petsc, box(petsc.tompi4py(), body, keep, lambda X, spacing: factor * spacing))
 
 
 # A strip is `width` cells of width 1; the rule wants it wider than half of the horizon of the cells around it.
@@ -120,7 +98,7 @@ def test_the_same_on_any_number_of_ranks():
     zone = thin_zones(p, families_of(p))
     assert zone.position == pytest.approx([6.5, 1.5])
     assert zone.count == 18  # the columns on either side: from farther ones the other side is 2 or more away
-    alone = refined([14, 9], "where(abs(X - 6.5) < 0.5, 4, 1)", alone=True)
+    alone = refined([14, 9], "where(abs(X - 6.5) < 0.5, 4, 1)", comm=PETSc.COMM_SELF)
     same = thin_zones(alone, families_of(alone))
     assert (same.count, same.width, same.horizon) == (zone.count, zone.width, zone.horizon)
     assert np.array_equal(same.position, zone.position)

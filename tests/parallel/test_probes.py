@@ -1,16 +1,11 @@
 """Values at points between particles, on lattices of one spacing and of several."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from bodies import distributed, jittered
+from bodies import distributed, jittered, refined
 from models import lattice
 from petsc4py import PETSc
 
-from pdpetsc.body.box import box
-from pdpetsc.expressions import Expression
-from pdpetsc.particles import distribute
 from pdpetsc.probes import REACH, Interpolation
 
 pytestmark = pytest.mark.mpi
@@ -23,21 +18,6 @@ GRADED = {  # size in cells of width 1, refine
     "thin": ([9, 1], "where(X < 4, 2, 1)"),
     "block": ([6, 4, 4], "where(X < 2, 3, 1)"),
 }
-
-
-def graded(size, refine, comm=PETSc.COMM_WORLD):
-    names = [*"XYZ"[: len(size)], "spacing"]
-    body = SimpleNamespace(
-        size=size,
-        spacing=1.0,
-        origin=[0.0] * len(size),
-        thickness=1.0,
-        layers={},
-        particles="cells",
-        fitted=False,
-        refine=Expression(refine, names),
-    )
-    return distribute(comm, box(comm.tompi4py(), body, None, lambda X, spacing: 3 * spacing))
 
 
 def inside(size, count: int = 60) -> np.ndarray:
@@ -90,7 +70,7 @@ def test_a_single_row():
 @pytest.mark.parametrize("name", GRADED)
 def test_affine_fields_across_zones(name):
     size, refine = GRADED[name]
-    p = graded(size, refine)
+    p = refined(size, refine)
     gradient = np.array([[1.0, -2.0], [0.5, 3.0], [-1.0, 0.2]])[: len(size)]
     if size[-1] == 1:
         gradient[-1] = 0.0  # one row tells no slope
@@ -103,8 +83,8 @@ def test_affine_fields_across_zones(name):
 
 def test_a_particle_in_a_zone_gives_its_own_value():
     size, refine = GRADED["steps"]
-    p = graded(size, refine)
-    alone = graded(size, refine, PETSc.COMM_SELF)
+    p = refined(size, refine)
+    alone = refined(size, refine, comm=PETSc.COMM_SELF)
     numbers = np.arange(0, alone.count, 97)
     found = Interpolation(p, alone.position[numbers])(np.sin(p.id[: p.owned].astype(float)))
     assert np.array_equal(found, np.sin(numbers.astype(float)))
@@ -112,7 +92,7 @@ def test_a_particle_in_a_zone_gives_its_own_value():
 
 def test_the_value_is_continuous_across_a_zone_boundary():
     size, refine = GRADED["plate"]
-    p = graded(size, refine)
+    p = refined(size, refine)
     line = np.stack([np.linspace(2.0, 7.0, 2001), np.full(2001, 3.3)], axis=1)
     value = Interpolation(p, line)((p.position[: p.owned] ** 2).sum(axis=1))
     assert np.abs(np.diff(value)).max() < 0.06  # the slope is 2 X < 14, a step 0.0025
@@ -121,7 +101,7 @@ def test_the_value_is_continuous_across_a_zone_boundary():
 
 def test_the_same_on_any_number_of_ranks():
     size, refine = GRADED["corner"]
-    p, alone = graded(size, refine), graded(size, refine, PETSc.COMM_SELF)
+    p, alone = refined(size, refine), refined(size, refine, comm=PETSc.COMM_SELF)
     points = inside(size)
     values = [Interpolation(q, points)(np.sin(q.position[: q.owned, 0])) for q in (p, alone)]
     assert values[0] == pytest.approx(values[1], rel=1e-12)
@@ -129,6 +109,6 @@ def test_the_same_on_any_number_of_ranks():
 
 def test_points_out_of_reach():
     """A point must be within a spacing of a particle, that of the particle."""
-    p = graded([8, 4], "where(X < 4, 4, 1)")
+    p = refined([8, 4], "where(X < 4, 4, 1)")
     points = np.array([[8.3, 2.0], [8.4, 2.5], [8.6, 2.5], [-0.1, 2.1], [-0.2, 2.1], [100.0, 0.0]])
     assert Interpolation(p, points).reached.tolist() == [True, True, False, True, False, False]

@@ -4,16 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bodies import assembler, distributed, jittered, site, whole
+from bodies import assembler, distributed, jittered, refined, site, whole
 from models import MODELS, NAMES, Sample, deformation, dimensions_of_the_model, lattice, model, strong_gradient  # noqa: F401
-from petsc4py import PETSc
 
-from pdpetsc.body.box import box
 from pdpetsc.expressions import Expression
 from pdpetsc.loads.force import Force
 from pdpetsc.materials import families as kernels
-from pdpetsc.options import set_defaults
-from pdpetsc.particles import distribute
 from pdpetsc.recover import Recovery
 from pdpetsc.sections import Section
 from pdpetsc.solvers.newton import Newton
@@ -31,28 +27,13 @@ PULL = {1: (0.02,), 2: (0.01, 0.002), 3: (0.02, -0.003, 0.002)}
 
 
 @pytest.fixture(autouse=True)
-def options():
-    """Tight tolerances, and PETSc's options as they were before."""
-    set_defaults({})
-    database = PETSc.Options()
-    before = database.getAll()
-    database["snes_rtol"] = 1e-13
-    yield
-    set_defaults({})
-    for name in database.getAll():
-        if name not in before:
-            database.delValue(name)
+def tight(petsc_options):
+    petsc_options(snes_rtol=1e-13)
 
 
 def two_zones(dim: int):
     """A box of cells of width 1, two along each edge beyond INTERFACE, with horizons by the local spacing."""
-    refine = Expression(f"where(X > {INTERFACE[dim]}, 2, 1)", [*"XYZ"[:dim], "spacing"])
-    body = SimpleNamespace(
-        size=SIZE[dim], spacing=1.0, origin=[0.0] * dim, thickness=1.0, layers={}, particles="cells", fitted=False,
-        refine=refine, horizon=FACTOR[dim],
-    )  # fmt: skip
-    points = box(PETSc.COMM_WORLD.tompi4py(), body, None, lambda X, spacing: FACTOR[dim] * spacing)
-    return distribute(PETSc.COMM_WORLD, points)
+    return refined(SIZE[dim], f"where(X > {INTERFACE[dim]}, 2, 1)", FACTOR[dim])
 
 
 def pulled(p, rows, left: float, right: float):

@@ -4,17 +4,10 @@ Coarse particles see fine ones that do not see them (dual horizons, seed 002): b
 rigid motion must be free of force, and nothing may depend on the ranks.
 """
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from bodies import assembler, rows_of, whole
+from bodies import assembler, refined, rows_of, whole
 from models import MODELS, NAMES, Sample, deformation, force, rotation
-from petsc4py import PETSc
-
-from pdpetsc.body.box import box
-from pdpetsc.expressions import Expression
-from pdpetsc.particles import distribute
 
 pytestmark = pytest.mark.mpi
 
@@ -29,21 +22,7 @@ INTERFACE = {1: 5.0, 2: 5.0, 3: 3.0}
 
 def two_zones(dim: int):
     """A box of cells of width 1, divided beyond INTERFACE; the horizon is FACTOR times the local spacing."""
-    names = [*"XYZ"[:dim], "spacing"]
-    refine = Expression(f"where(X > {INTERFACE[dim]}, {RATIO[dim]}, 1)", names)
-    body = SimpleNamespace(
-        size=SIZE[dim],
-        spacing=1.0,
-        origin=[0.0] * dim,
-        thickness=1.0,
-        layers={},
-        particles="cells",
-        fitted=False,
-        refine=refine,
-        horizon=FACTOR[dim],
-    )
-    points = box(PETSc.COMM_WORLD.tompi4py(), body, None, lambda X, spacing: FACTOR[dim] * spacing)
-    return distribute(PETSc.COMM_WORLD, points)
+    return refined(SIZE[dim], f"where(X > {INTERFACE[dim]}, {RATIO[dim]}, 1)", FACTOR[dim])
 
 
 def everywhere(comm, p):
