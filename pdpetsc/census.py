@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pdpetsc.body.box import BLOCK, Lattice, blocks_of, coordinates, horizon_field
+from pdpetsc.body.box import BLOCK, NOTHING_LEFT, Lattice, blocks_of, coordinates, horizon_field
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.compact import REACH
@@ -23,15 +23,17 @@ from pdpetsc.particles import Points
 
 class Effort(NamedTuple):
     """How much is counted: every cell of a body of up to `cells` cells, as many of a larger one; neighbours of up to
-    `samples` particles, and the rows of fewer where families are so large that it takes more than `pairs` looks."""
+    `samples` particles, and the rows of fewer where families are so large that it takes more than `pairs` looks. Cells
+    at fitted borders are counted `roughly` or not."""
 
     cells: int
     samples: int
     pairs: float
+    roughly: bool
 
 
-FULL = Effort(10**7, 512, 1e9)
-QUICK = Effort(10**5, 64, 1e8)
+FULL = Effort(10**7, 512, 1e9, False)
+QUICK = Effort(10**5, 64, 1e8, True)
 """For a look before every run, in some hundredths of a second."""
 
 FEWEST = 24
@@ -72,10 +74,10 @@ def take_census(case: Case, effort: Effort = FULL) -> Census:
         InputError: there is no such body, or a material cannot be made on it.
     """
     survey = _Survey(case)
-    particles, exact = survey.count(effort.cells)
+    particles, exact = survey.count(effort)
     places, weight = survey.sample(effort)
     if not places:
-        raise InputError("body.keep: no particle is left; the condition is false everywhere")
+        raise InputError(NOTHING_LEFT)
     views = [survey.view(place) for place in places]
     materials, shortness = survey.materials(views)
     coupling = [name for name, material in materials.items() if material.couples_family]
@@ -139,18 +141,23 @@ class _Survey:
         self._tolerance = 1 + case.body.horizon_tolerance
         self._reach = 0.0  # largest horizon in the sample, with tolerance
 
-    def _points(self, index: np.ndarray) -> Points:
-        return self._lattice.points(index, self._lattice.divisions(index), self._horizon)
+    def _points(self, index: np.ndarray, roughly: bool = True) -> Points:
+        return self._lattice.points(index, self._lattice.divisions(index), self._horizon, roughly=roughly)
 
-    def count(self, most: int) -> tuple[int, bool]:
-        """The number of particles, and whether it is exact because no more than `most` cells had to be looked at."""
-        cells, body = self._lattice.cells, self._case.body
+    def count(self, effort: Effort) -> tuple[int, bool]:
+        """The number of particles, and whether it is exact because all cells were looked at."""
+        cells, body, most = self._lattice.cells, self._case.body, effort.cells
         if body.keep is None and body.refine is None:
             return cells, True
+
+        def found(index):
+            return len(self._points(index, effort.roughly).id)
+
         if cells <= most:
-            return sum(len(self._points(self._lattice.indices(numbers)).id) for numbers in blocks_of(cells)), True
-        found = sum(len(self._points(spread(self._lattice, numbers)).id) for numbers in blocks_of(most))
-        return round(found / most * cells), False
+            exact = not (body.fitted and effort.roughly)
+            return sum(found(self._lattice.indices(numbers)) for numbers in blocks_of(cells)), exact
+        sampled = sum(found(spread(self._lattice, numbers)) for numbers in blocks_of(most))
+        return round(sampled / most * cells), False
 
     def sample(self, effort: Effort) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
         """Cell and position of each particle of the sample, one of a cell, and how many the cell has."""

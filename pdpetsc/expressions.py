@@ -2,6 +2,7 @@
 
 import ast
 import difflib
+import operator
 import warnings
 from collections.abc import Callable, Iterable
 from functools import reduce
@@ -24,7 +25,7 @@ _ARITHMETIC = {
     ast.Sub: np.subtract,
     ast.Mult: np.multiply,
     ast.Div: np.divide,
-    ast.Pow: np.power,
+    ast.Pow: operator.pow,  # np.power squares numbers fifteen times more slowly
     ast.UAdd: np.positive,
     ast.USub: np.negative,
 }

@@ -36,6 +36,12 @@ class Facets:
         return Facets(self.parent[mask], self.face[mask], self.position[mask], self.area[mask])
 
     @classmethod
+    def joined(cls, parts: list["Facets"]) -> "Facets":
+        """All of them, one part after the other."""
+        fields = ("parent", "face", "position", "area")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+
+    @classmethod
     def none(cls, dim: int) -> "Facets":
         """No facets."""
         return cls(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, dim)), np.empty((0, dim)))
@@ -73,7 +79,7 @@ class Particles:
         neighbours: ranks that share ghosts with this one.
         mirrors: for each of `neighbours`, the owned particles that are its ghosts, in its order.
         ghost_ranges: for each of `neighbours`, the slice of local indices of the ghosts that it owns.
-        facets: of owned particles, by parent and face; all particles within the parent's horizon of one are local.
+        facets: of owned particles, by parent, face, place; all particles within the parent's horizon of one are local.
     """
 
     comm: PETSc.Comm
@@ -199,7 +205,7 @@ def _cut(work: np.ndarray, parts: int) -> np.ndarray:
 
 
 def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
-    """The points that this rank owns, sorted by id, with their facets, sorted by parent and face."""
+    """The points that this rank owns, sorted by id, with their facets, sorted by parent, face and place."""
     dim = points.position.shape[1]
     vector, number, scalar = (dim, PETSc.ScalarType), (1, PETSc.IntType), (1, PETSc.ScalarType)
     fields = {"id": number, "position": vector, "volume": scalar, "spacing": scalar, "horizon": scalar}
@@ -213,7 +219,7 @@ def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
         parent = order[np.searchsorted(points.id[order], facets.parent)]
         fields = {"parent": number, "face": number, "position": vector, "area": vector}
         arrived = _carry(comm, dim, facets, fields, owner[parent])
-        order = np.lexsort((arrived["face"], arrived["parent"]))
+        order = np.lexsort((*arrived["position"].T, arrived["face"], arrived["parent"]))
         arrived["parent"] = np.searchsorted(result.id, arrived["parent"])
         result.facets = Facets(**{name: values[order] for name, values in arrived.items()})
     return result

@@ -1,13 +1,15 @@
 """Cells that the border of a body cuts: the share inside, its middle, and the piece of border in it.
 
-A body is known by a condition alone. A cell where points in the middle, on the corners and on the sides disagree is
-looked at in n^d points (and one layer of points around them, so that a border along the lattice is seen as well):
+A body is known by a condition alone. A cell where points in the middle, on the corners and on the sides, or in the
+middles of the cells around it disagree is looked at in n^d points (and one layer of points around them, so that a
+border along the lattice is seen as well):
 
     share     = the points inside over all                        V = share V_cell,  X = their mean
     area_k    = (changes from inside to outside - back) along axis k, times the face's area over n^(d-1)
     point     = the mean place of the changes, moved along the normal onto the border (bisection)
 
-so that the area vectors of a closed border add up to zero exactly, whatever its shape: what enters a line leaves it.
+On a side of the lattice the piece is as large as the points next to it that are inside. So the area vectors of a
+closed surface add up to zero to rounding where all cells are of one size: what enters a line of points leaves it.
 """
 
 from collections.abc import Callable
@@ -18,11 +20,17 @@ import numpy as np
 SAMPLES = {1: 1024, 2: 64, 3: 16}
 """Points along an edge of a cut cell."""
 
+FEW_SAMPLES = {1: 64, 2: 8, 3: 4}
+"""As many for an estimate."""
+
 SMALLEST_SHARE = 0.02
 """Of a cell that becomes a particle."""
 
 TOUCH = 1e-6
 """How far outside a cell, in half widths, a border is still one of its own."""
+
+BORDER = 6
+"""Stands for the border among the numbers of the sides."""
 
 BLOCK = 1 << 20
 """Points that are looked at together."""
@@ -34,48 +42,53 @@ class Cut(NamedTuple):
     Attributes:
         share: (n,) of each cell that is inside; 0 where less than `SMALLEST_SHARE` is.
         middle: (n, dim) of that share.
-        row: the cell of each piece of border.
-        point: (pieces, dim) on the border.
+        row: the cell of each piece of border, and of each part of a side of the lattice in cut cells; also those of
+            which too little is inside.
+        face: 2 axis + side of a side of the lattice, `BORDER` of a border.
+        point: (pieces, dim) on the surface.
         area: (pieces, dim) outward area vector, without the thickness of the body.
     """
 
     share: np.ndarray
     middle: np.ndarray
     row: np.ndarray
+    face: np.ndarray
     point: np.ndarray
     area: np.ndarray
 
 
-def cut_cells(inside: Callable, low: np.ndarray, high: np.ndarray, outermost: np.ndarray) -> Cut:
+def cut_cells(inside: Callable, low: np.ndarray, high: np.ndarray, outermost: np.ndarray, size: int) -> Cut:
     """Cut cells [low, high], (n, dim), at the border of a body.
 
     Args:
         inside: function of (points (m, dim), row of the cell of each) that gives a mask.
         low, high: corners of the cells.
         outermost: (n, dim, 2) mask of the sides that are sides of the lattice, beyond which nothing is asked.
+        size: points along an edge of a cut cell.
     """
     n, dim = low.shape
     share, middle = np.zeros(n), (low + high) / 2
-    size = SAMPLES[dim]
-    rows, points, areas = [], [], []
+    pieces = [_pieces(np.empty(0, np.int64), 0, np.empty((0, dim)), np.empty((0, dim)))]
+    near = np.array([-TOUCH, 1.0, 2 + TOUCH]) / 2
+    around = np.array([-0.5, 0.5, 1.5])  # a border that comes in between the near points has crossed one of these
     for first in range(0, n, max(1, BLOCK // 3**dim)):
         block = np.arange(first, min(n, first + max(1, BLOCK // 3**dim)))
-        seen = _look(inside, low, high, outermost, block, np.array([-TOUCH, 1.0, 2 + TOUCH]) / 2)
-        share[block] = seen.reshape(len(block), -1).all(axis=1)
-        mixed = block[seen.reshape(len(block), -1).any(axis=1) & (share[block] == 0)]
+        seen = np.concatenate(
+            [_look(inside, low, high, outermost, block, at).reshape(len(block), -1) for at in (near, around)], axis=1
+        )
+        share[block] = seen.all(axis=1)
+        mixed = block[seen.any(axis=1) & (share[block] == 0)]
         step = max(1, BLOCK // (size + 2) ** dim)
         for some in (mixed[k : k + step] for k in range(0, len(mixed), step)):
-            part = _part(inside, low, high, outermost, some)
-            share[some], middle[some] = part.share, part.middle
-            rows.append(some[part.row])
-            points.append(part.point)
-            areas.append(part.area)
-    small = share < SMALLEST_SHARE
-    share[small] = 0.0
-    row = np.concatenate([np.empty(0, np.int64), *rows])
-    kept = share[row] > 0
-    point, area = (np.concatenate([np.empty((0, dim)), *values])[kept] for values in (points, areas))
-    return Cut(share, middle, row[kept], point, area)
+            share[some], middle[some], found = _part(inside, low, high, outermost, some, size)
+            pieces += found
+    share[share < SMALLEST_SHARE] = 0.0
+    return Cut(share, middle, *(np.concatenate(values) for values in zip(*pieces)))
+
+
+def _pieces(row, face: int, point, area) -> tuple[np.ndarray, ...]:
+    """What a `Cut` holds of some pieces of one face."""
+    return row, np.full(len(row), face), point, area
 
 
 def _look(inside, low, high, outermost, rows, places) -> np.ndarray:
@@ -95,9 +108,9 @@ def _look(inside, low, high, outermost, rows, places) -> np.ndarray:
     return inside(np.stack(points, axis=1), np.repeat(rows, len(places) ** dim)).reshape(shape)
 
 
-def _part(inside, low, high, outermost, rows) -> Cut:
-    """What is inside of some cells, which the border may cut or touch."""
-    dim, size = low.shape[1], SAMPLES[low.shape[1]]
+def _part(inside, low, high, outermost, rows, size) -> tuple[np.ndarray, np.ndarray, list]:
+    """Share and middle of what is inside of some cells, which the border may cut or touch, and their `_pieces`."""
+    dim = low.shape[1]
     places = (np.arange(-1, size + 1) + 0.5) / size
     seen = _look(inside, low, high, outermost, rows, places)
     width = (high - low)[rows]
@@ -106,6 +119,7 @@ def _part(inside, low, high, outermost, rows) -> Cut:
     count = flat.sum(axis=1)
     middle, area = np.empty((len(rows), dim)), np.empty((len(rows), dim))
     weight, place = np.zeros(len(rows)), np.zeros((len(rows), dim))
+    pieces, cut = [], (count > 0) & (count < size**dim)
     edges = np.arange(size + 1) / size
     for k in range(dim):
         along = np.moveaxis(core, k + 1, -1).reshape(len(rows), -1, size).sum(axis=1)
@@ -117,6 +131,10 @@ def _part(inside, low, high, outermost, rows) -> Cut:
         change[..., -1] = np.maximum(change[..., -1], 0)
         face = width.prod(axis=1) / width[:, k] / size ** (dim - 1)
         area[:, k] = face * change.reshape(len(rows), -1).sum(axis=1)
+        for side in (0, 1):
+            some = np.flatnonzero(outermost[rows, k, side] & cut)
+            within = np.take(core[some], -side, axis=k + 1).reshape((len(some),) + (size,) * (dim - 1))
+            pieces.append(_side(within, k, side, rows[some], low, width[some]))
         crossings = np.abs(change)
         weight += face * crossings.reshape(len(rows), -1).sum(axis=1)
         for j in range(dim):
@@ -127,7 +145,22 @@ def _part(inside, low, high, outermost, rows) -> Cut:
     found = np.flatnonzero((np.abs(area).sum(axis=1) > 0) & (count > 0))
     point = low[rows[found]] + place[found] / weight[found, None] * width[found]
     point = _onto_border(inside, rows[found], point, area[found], width[found].min(axis=1) / 2)
-    return Cut(share, low[rows] + middle * width, found, point, area[found])
+    return share, low[rows] + middle * width, [*pieces, _pieces(rows[found], BORDER, point, area[found])]
+
+
+def _side(within, axis: int, side: int, rows, low, width) -> tuple[np.ndarray, ...]:
+    """The pieces of cells `rows` on a side of the lattice, of which the points next to it `within` (cells, ...) are
+    inside."""
+    n, size = len(rows), within.shape[-1]
+    share = within.mean(axis=tuple(range(1, within.ndim)))
+    place = np.full((n, low.shape[1]), float(side))
+    for j, k in enumerate(k for k in range(low.shape[1]) if k != axis):
+        sums = within.mean(axis=tuple(a for a in range(1, within.ndim) if a != j + 1))
+        place[:, k] = sums @ (np.arange(size) + 0.5) / size / np.maximum(share * size, 1e-300)
+    area = np.zeros_like(place)
+    area[:, axis] = (2 * side - 1) * share * width.prod(axis=1) / width[:, axis]
+    some = share > 0
+    return _pieces(rows[some], 2 * axis + side, (low[rows] + place * width)[some], area[some])
 
 
 def _onto_border(inside, rows, point, area, reach) -> np.ndarray:

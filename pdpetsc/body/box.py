@@ -7,20 +7,28 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from pdpetsc.body.border import Cut, cut_cells
+from pdpetsc.body.border import FEW_SAMPLES, SAMPLES, Cut, cut_cells
 from pdpetsc.errors import InputError
 from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Facets, Points
 
 FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
-"""Faces of a box: axis and side (0: towards smaller coordinates)."""
-
-BORDER = len(FACES)
-"""What stands for the border of `keep` among the numbers of the faces."""
+"""Faces of a box: axis and side (0: towards smaller coordinates); they are numbered in this order, 2 axis + side."""
 
 NAMES = ("X", "Y", "Z")
+
+NOTHING_LEFT = (
+    "body.keep: no particle is left; the condition is false everywhere, or where it holds is less than a cell"
+)
+
+NEAREST = 8
+"""Particles that may be equally near to a point on the surface."""
+
+ALIKE = 1e-9
+"""Distances that differ by less than this fraction are equal."""
 
 BLOCK = 1 << 16
 """Cells that are looked at together where not all of them fit."""
@@ -118,7 +126,9 @@ class Lattice:
             )
         return np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
 
-    def points(self, index: np.ndarray, division: np.ndarray, horizon, facets: bool = False) -> Points:
+    def points(
+        self, index: np.ndarray, division: np.ndarray, horizon, facets: bool = False, roughly: bool = False
+    ) -> Points:
         """The particles of these cells that are kept, with the row of their cell in `index` as id.
 
         Args:
@@ -126,6 +136,7 @@ class Lattice:
             division: (n,) particles along an edge of each.
             horizon: function of (position, spacing).
             facets: whether the pieces of the body's surface are wanted as well.
+            roughly: whether a first look at fitted borders will do.
 
         Raises:
             InputError: a horizon is not greater than 0.
@@ -143,7 +154,8 @@ class Lattice:
         if self.keep is None:
             kept = slice(None)
         elif self.body.fitted:
-            cut = cut_cells(lambda X, row: self.keep.mask(**coordinates(X, spacing[row])), low, high, outermost)
+            size = (FEW_SAMPLES if roughly else SAMPLES)[self.dim]
+            cut = cut_cells(lambda X, row: self.keep.mask(**coordinates(X, spacing[row])), low, high, outermost, size)
             kept = cut.share > 0
         else:
             kept = self.keep.mask(**coordinates(position, spacing))
@@ -173,13 +185,14 @@ class Lattice:
         return np.stack([position - 1.5 * half < low, position + 1.5 * half > high], axis=-1)
 
     def _facets(self, number, low, high, outermost, cut: Cut | None) -> Facets:
-        """The sides of kept cells on the sides of the lattice, and the pieces of border in cut ones."""
+        """The sides of kept cells on the sides of the lattice, and the pieces of surface in cut ones; the parent is -1
+        where too little of a cell is inside for a particle."""
         dim, thickness = self.dim, self.body.thickness
         parents, codes, points, areas = [], [], [], []
         for face, (axis, side) in FACES.items():
             if axis >= dim:
                 continue
-            rows = np.flatnonzero(outermost[:, axis, side] & (number >= 0))
+            rows = np.flatnonzero(outermost[:, axis, side] & (cut.share == 1 if cut else number >= 0))
             point = (low + high)[rows] / 2
             point[:, axis] = (high if side else low)[rows, axis]
             area = np.zeros((len(rows), dim))
@@ -190,7 +203,7 @@ class Lattice:
             areas.append(area)
         if cut:
             parents.append(number[cut.row])
-            codes.append(np.full(len(cut.row), BORDER))
+            codes.append(cut.face)
             points.append(cut.point)
             areas.append(cut.area)
         return Facets(
@@ -254,11 +267,39 @@ def box(comm, body, keep, horizon, facets: bool = False) -> Points:
     n = len(points.position)
     begin = comm.scan(n) - n
     if comm.allreduce(n) == 0:
-        raise InputError("body.keep: no particle is left; the condition is false everywhere")
+        raise InputError(NOTHING_LEFT)
     points.id = np.arange(begin, begin + n)
     if facets:
-        points.facets.parent += begin
+        points.facets.parent[points.facets.parent >= 0] += begin
+        points.facets = _adopted(comm, points)
     return points
+
+
+def _adopted(comm, points: Points) -> Facets:
+    """The facets with those of slivers, that are no particles, given to the nearest particle on any rank; among equally
+    near ones to that of the lowest id. One that is farther than its horizon has no use for it."""
+    facets = points.facets
+    alone = facets.parent < 0
+    orphans = Facets.joined(comm.allgather(facets.chosen(alone)))
+    n = len(orphans)
+    distance, id = np.full(n, np.inf), np.full(n, np.iinfo(np.int64).max)
+    if n and len(points.id):
+        from scipy.spatial import cKDTree  # slow to import, and rarely needed
+
+        few = min(NEAREST, len(points.id))
+        found, row = cKDTree(points.position).query(orphans.position, few)
+        found, row = found.reshape(n, few), row.reshape(n, few)
+        tied = found <= found[:, :1] * (1 + ALIKE)
+        row = np.where(tied, row, len(points.id)).min(axis=1)  # rows are in the order of the ids
+        distance, id = found[:, 0], points.id[row]
+        distance[distance > points.horizon[row]] = np.inf
+    nearest = distance.copy()
+    comm.Allreduce(MPI.IN_PLACE, nearest, MPI.MIN)
+    tied = np.isfinite(distance) & (distance <= nearest * (1 + ALIKE))
+    lowest = np.where(tied, id, np.iinfo(np.int64).max)
+    comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
+    orphans.parent[:] = id
+    return Facets.joined([facets.chosen(~alone), orphans.chosen(tied & (id == lowest))])
 
 
 def horizon_field(body, materials: dict, sets: dict) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

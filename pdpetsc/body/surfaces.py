@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pdpetsc.body.box import BORDER, FACES, NAMES, coordinates
+from pdpetsc.body.border import BORDER
+from pdpetsc.body.box import FACES, NAMES, coordinates
 from pdpetsc.particles import Facets
 
 

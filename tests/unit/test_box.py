@@ -2,24 +2,38 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
 
-from pdpetsc.body.box import box
+from pdpetsc.body.border import BORDER
+from pdpetsc.body.box import FACES, box
 from pdpetsc.case import Case
+from pdpetsc.census import take_census
 from pdpetsc.errors import InputError
+from pdpetsc.particles import distribute
 
 pytestmark = pytest.mark.mpi
 
 
-def body(**keys):
+def case(**keys):
     sizes = {"size": [1.0, 0.5], "spacing": 0.125, "horizon": 2.015} | keys
     material = {"steel": {"model": "correspondence", "E": 1.0, "nu": 0.25}}
-    return Case.from_document({"body": sizes, "material": material}, "case", None, "case.toml", False).body
+    return Case.from_document({"body": sizes, "material": material}, "case", None, "case.toml", False)
+
+
+def body(**keys):
+    return case(**keys).body
+
+
+def share_of(comm, body, facets=False):
+    """This rank's share of the body."""
+    factor = body.horizon.factor
+    return box(comm, body, body.keep, lambda X, spacing: np.full(len(X), factor() * spacing), facets)
 
 
 def points(comm, body):
-    """The whole body on every rank, in the order of the ids, and this rank's part."""
-    factor = body.horizon.factor
-    part = box(comm, body, body.keep, lambda X, spacing: np.full(len(X), factor() * spacing))
+    """The whole body on every rank, in the order of the ids."""
+    part = share_of(comm, body)
     whole = {
         name: np.concatenate(comm.allgather(getattr(part, name)))
         for name in ("id", "position", "volume", "spacing", "horizon")
@@ -168,3 +182,179 @@ def test_a_body_smaller_than_its_spacing(comm):
 def test_nothing_left(comm):
     with pytest.raises(InputError, match=r"body\.keep: no particle is left"):
         points(comm, body(keep="X < 0"))
+
+
+# Vertices, fitted borders and surfaces -------------------------------------------------------------------------
+
+HOLE = "hypot(X - 0.503, Y - 0.247) > 0.15"
+NOTCH = "hypot(X - 0.503, Y - 0.05) > 0.15"
+BODIES = {
+    "line": {"size": [1.0]},
+    "rectangle": {},
+    "block": {"size": [1.0, 0.5, 0.25]},
+    "vertex line": {"size": [1.0], "particles": "vertices"},
+    "vertices": {"particles": "vertices", "layers": {"left": "horizon"}},
+    "vertex block": {"size": [1.0, 0.5, 0.25], "particles": "vertices"},
+    "hole": {"keep": HOLE, "fitted": True, "spacing": 0.0625},
+    "notch": {"keep": NOTCH, "fitted": True, "layers": {"right": "horizon"}},
+    "refined hole": {"keep": HOLE, "fitted": True, "refine": "where(X < 0.5, 2, 1)"},
+    "vertex notch": {"keep": NOTCH, "fitted": True, "particles": "vertices", "spacing": 0.0625},
+    "staircase": {"keep": NOTCH, "particles": "vertices"},
+    "slivers": {"keep": "Y < 0.3752", "fitted": True},
+    "ball": {"size": [1.0, 0.5, 0.5], "keep": "hypot(hypot(X - 0.503, Y - 0.247), Z - 0.26) > 0.2", "fitted": True},
+}
+
+
+def surface(comm, part):
+    """All facets on every rank, by parent, face and place."""
+    f = part.facets
+    ids = getattr(part, "global_index", None)
+    parents = f.parent if ids is None else part.id[f.parent]
+    parent, face, position, area = (np.concatenate(comm.allgather(v)) for v in (parents, f.face, f.position, f.area))
+    order = np.lexsort((*position.T, face, parent))
+    return parent[order], face[order], position[order], area[order]
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_alike_on_any_number_of_ranks(comm, name):
+    """Particles and facets are those of one rank, to the last bit; every rank makes them for itself to compare."""
+    shape = body(**BODIES[name])
+    found, pieces = points(comm, shape), surface(comm, share_of(comm, shape, True))
+    alone = MPI.COMM_SELF
+    wanted, wanted_pieces = points(alone, shape), surface(alone, share_of(alone, shape, True))
+    for key in wanted:
+        assert np.array_equal(found[key], wanted[key])
+    for a, b in zip(pieces, wanted_pieces):
+        assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_facets_are_distributed_with_their_particles(comm, name):
+    """The same facets arrive; all particles within its parent's horizon of each are on its rank."""
+    shape = body(**BODIES[name])
+    part = share_of(comm, shape, True)
+    whole, before = points(comm, shape), surface(comm, part)
+    p = distribute(PETSc.COMM_WORLD, part)
+    for a, b in zip(surface(comm, p), before):
+        assert np.array_equal(a, b)
+    f = p.facets
+    assert np.all(f.parent < p.owned)
+    for k in range(len(f)):
+        away = np.linalg.norm(whole["position"] - f.position[k], axis=1)
+        assert set(np.flatnonzero(away <= p.horizon[f.parent[k]])) <= set(p.id)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_surfaces_are_closed(comm, name):
+    """The area vectors of sides and border add up to zero, wherever the border runs; with particles left out of a
+    lattice there are no facets at the gap."""
+    _, _, _, area = surface(comm, share_of(comm, body(**BODIES[name]), True))
+    if name == "staircase":
+        assert abs(area[:, 1].sum()) > 0.1
+        return
+    # samples of cells of two sizes do not meet: where the border runs across, an error of a sample's width
+    of_two_sizes = name in ("refined hole", "vertex notch")
+    assert np.abs(area.sum(axis=0)).max() < (1.01 * 0.125 / 64 if of_two_sizes else 2e-15)
+
+
+@pytest.mark.parametrize("dim", (1, 2, 3))
+def test_particles_on_vertices(comm, dim):
+    """Half cells on sides, quarters and eighths in corners; each side's facets add up to it, corners lie on several."""
+    size = np.array([1.0, 0.5, 0.25])[:dim]
+    thickness = {} if dim == 3 else {"thickness": 2.0}
+    shape = body(size=list(size), particles="vertices", **thickness)
+    found = points(comm, shape)
+    axes = [0.125 * np.arange(n + 1) for n in (8, 4, 2)][:dim]
+    X = centers(*axes)
+    assert np.allclose(found["position"], X, rtol=0, atol=1e-15)
+    sides = (np.abs(X / size - 0.5) > 0.5 - 1e-9).sum(axis=1)
+    deep = 1 if dim == 3 else 2
+    assert np.allclose(found["volume"], 0.125**dim * deep / 2.0**sides, rtol=1e-14)
+    assert found["volume"].sum() == pytest.approx(np.prod(size) * deep, rel=1e-14)
+    assert np.allclose(found["spacing"], 0.125, rtol=1e-14)
+    parent, face, position, area = surface(comm, share_of(comm, shape, True))
+    for number, (axis, side) in enumerate(list(FACES.values())[: 2 * dim]):
+        own = face == number
+        wanted = np.zeros(dim)
+        wanted[axis] = (2 * side - 1) * np.prod(np.delete(size, axis)) * deep
+        assert np.allclose(area[own].sum(axis=0), wanted, rtol=1e-14)
+        assert np.array_equal(parent[own], np.flatnonzero(np.abs(X[:, axis] - side * size[axis]) < 1e-9))
+        assert np.all(position[own, axis] == side * size[axis])
+    assert np.array_equal(np.unique(parent, return_counts=True)[1], sides[sides > 0])
+
+
+def test_vertices_with_layers(comm):
+    """A layer moves the side out: half cells and facets are there, the body's own first column is whole."""
+    shape = body(particles="vertices", layers={"left": 0.25})
+    found = points(comm, shape)
+    assert np.unique(found["position"][:, 0]) == pytest.approx(0.125 * np.arange(-2, 9))
+    assert found["volume"].sum() == pytest.approx(1.25 * 0.5, rel=1e-14)
+    _, face, position, _ = surface(comm, share_of(comm, shape, True))
+    assert np.all(position[face == 0, 0] == -0.25)
+
+
+def test_vertices_are_kept_or_not(comm):
+    found = points(comm, body(particles="vertices", keep=NOTCH))
+    X = centers(0.125 * np.arange(9), 0.125 * np.arange(5))
+    assert np.allclose(found["position"], X[np.hypot(X[:, 0] - 0.503, X[:, 1] - 0.05) > 0.15], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("particles", ("cells", "vertices"))
+def test_volumes_of_fitted_bodies(comm, particles):
+    """They come to that of the body as far as slivers of less than a fiftieth of a cell are left out."""
+    for spacing in (0.125, 0.0625, 0.03125):
+        found = points(comm, body(keep=HOLE, fitted=True, particles=particles, spacing=spacing, thickness=3.0))
+        cells = 2 * np.pi * 0.15 / spacing  # about so many are cut
+        error = found["volume"].sum() / 3 - (0.5 - np.pi * 0.15**2)
+        assert abs(error) < 0.02 / 2 * cells * spacing**2
+        inside = np.hypot(*(found["position"] - (0.503, 0.247)).T) > 0.15
+        assert np.all(inside)  # middles of the cells' parts, here outside a convex hole
+
+
+@pytest.mark.parametrize("layers", ({}, {"right": 0.25, "top": "horizon"}))
+@pytest.mark.parametrize("dim", (1, 2, 3))
+def test_a_border_along_cells(comm, dim, layers):
+    """keep = "X > 0.5" on the cells' sides: as without fitting, with a facet of a full side in each cell along it."""
+    keys = {"size": [1.0, 0.5, 0.25][:dim], "keep": "X > 0.5", "layers": dict(list(layers.items())[:dim])}
+    plain, shape = points(comm, body(**keys)), body(**keys, fitted=True)
+    found = points(comm, shape)
+    for name in plain:
+        assert np.allclose(found[name], plain[name], rtol=1e-14, atol=1e-15)
+    parent, face, position, area = surface(comm, share_of(comm, shape, True))
+    own = face == BORDER
+    along = np.flatnonzero(np.abs(found["position"][:, 0] - 0.5625) < 1e-9)
+    assert np.array_equal(parent[own], along)
+    wanted = found["position"][along] - np.eye(dim)[0] * 0.0625
+    assert np.allclose(position[own], wanted, rtol=0, atol=1e-12)
+    assert np.allclose(area[own], -np.eye(dim)[0] * 0.125 ** (dim - 1), rtol=1e-14)
+
+
+def test_slivers_give_their_surface_to_the_nearest_particle(comm):
+    """0.2 % of a row of cells are inside: no particles, but the border is there, on the row before."""
+    shape = body(keep="Y < 0.37525", fitted=True)
+    found, (parent, face, position, area) = points(comm, shape), surface(comm, share_of(comm, shape, True))
+    assert len(found["id"]) == 24 and np.all(found["volume"] == 0.125**2)
+    own = face == BORDER
+    assert np.array_equal(found["position"][parent[own], 0], position[own, 0]) and np.all(parent[own] >= 16)
+    assert np.allclose(position[own, 1], 0.37525, rtol=0, atol=1e-12)
+    assert np.allclose(area[own], [0, 0.125], rtol=0, atol=1e-15)
+    assert np.abs(area.sum(axis=0)).max() < 1e-15
+
+
+def test_small_bodies_and_holes(comm):
+    """What the first look does not see is not there; a body of less than a fiftieth of a cell is none."""
+    assert len(points(comm, body(keep="hypot(X - 0.52, Y - 0.22) > 0.01", fitted=True))["id"]) == 32
+    with pytest.raises(InputError, match=r"body\.keep: no particle is left; .*less than a cell"):
+        points(comm, body(keep="hypot(X - 0.5625, Y - 0.3125) < 0.005", fitted=True))
+    one = points(comm, body(keep="hypot(X - 0.5625, Y - 0.3125) < 0.03", fitted=True))
+    assert one["volume"] == pytest.approx([np.pi * 0.03**2], rel=0.02)
+    assert np.allclose(one["position"], [[0.5625, 0.3125]], rtol=0, atol=1e-12)
+    with pytest.raises(InputError, match=r"body\.keep: no particle is left; the condition is false everywhere"):
+        points(comm, body(keep="X < 0", fitted=True))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_counted_without_being_made(comm, name):
+    """The census of a check has the number of particles exactly."""
+    census = take_census(case(**BODIES[name]))
+    assert census.exact and census.particles == len(points(comm, body(**BODIES[name]))["id"])
