@@ -95,7 +95,8 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
         choice = choose(dim, census.particles, census.blocks, given)
     except InputError as error:
         raise InputError(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
-    symmetric = all(material.symmetric for material in census.materials.values())
+    follows = any(getattr(load, "surface", None) is not None and load.follower for load in case.load)
+    symmetric = all(material.symmetric for material in census.materials.values()) and not follows
     small = census.blocks * dim**2 <= DIRECT_LIMIT[dim]
     solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks) | given for k in KINDS}
     without = tuple(name for name, spec in case.material.items() if spec.density is None)

@@ -11,6 +11,9 @@ from pdpetsc.quantities import QUANTITIES, component, von_mises
 VISIBLE = 0.05
 """Displacements below a fifth of this fraction of the body's size are drawn enlarged to this fraction."""
 
+HALF = 1e-6
+"""Fraction by which numbers that are halves may differ from them."""
+
 ALIKE = 0.01
 """Spacings that differ by less than this fraction are drawn as if of one size."""
 
@@ -23,6 +26,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
         last = file[max(name for name in file if name.isdigit())]
         position = file["position"][...]
         spacing = file["spacing"][...]
+        volume = file["volume"][...]
         u, values = last["u"][...], colour_values(field, last[field][...])
         F = last["F"][...].reshape(-1, 3, 3) if "F" in last else np.eye(3)[None].repeat(len(u), axis=0)
     dim = summary["dim"]
@@ -32,13 +36,14 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     x = position + factor * u
     shape = np.eye(3) + factor * (F - np.eye(3))
 
+    sides = cell_sides(position[:, :dim], spacing, volume)
     name = QUANTITIES[field].label
     unit = QUANTITIES[field].unit.format(**summary["units"])
     if dim == 3:
         figure = Figure(figsize=(7.5, 6))
         figure.subplots_adjust(left=0.05, right=0.9, bottom=0.1, top=0.9)
         axes = figure.add_subplot(projection="3d")
-        marks = _cubes(axes, position, x, shape, spacing, values)
+        marks = _cubes(axes, position, x, shape, spacing, sides, values)
         axes.set_zlabel(f"z [{summary['units']['length']}]")
     else:
         width, height = np.ptp(x[:, :2], axis=0)
@@ -46,7 +51,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
         upright = 0.8 if dim == 1 else max(across * height / width, 0.8)
         figure = Figure(figsize=(across + 2, upright + 1.5), layout="constrained")
         axes = figure.add_subplot()
-        marks = _squares(axes, x, shape, spacing, values) if dim == 2 else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
+        marks = _squares(axes, x, shape, sides, values) if dim == 2 else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
         axes.set_aspect("equal")
         if dim == 1:
             axes.set_yticks([])
@@ -77,11 +82,31 @@ def colour_values(field: str, values: np.ndarray) -> np.ndarray:
     return values if quantity.rank == 0 else component(values, "magnitude")
 
 
-def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: np.ndarray, values: np.ndarray):
+def cell_sides(position: np.ndarray, spacing: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    """Where the sides of each particle's cell are drawn, from the particle: (n, dim, 2).
+
+    A cube of the particle's volume, smaller than its spacing in cells that a border cuts. Particles on vertices, known
+    by halves, quarters and eighths of the volume where the body ends, have whole cells that end there.
+    """
+    dim = position.shape[1]
+    share = volume / spacing**dim
+    share = share / share.max()
+    low, high = position.min(axis=0), position.max(axis=0)
+    outermost = np.stack([np.abs(position - end) < HALF * spacing[:, None] for end in (low, high)], axis=-1)
+    part = 2.0 ** outermost.sum(axis=(1, 2)) * share
+    on_sides = outermost.any(axis=(1, 2))
+    vertices = np.median(share[on_sides]) < 0.75
+    halved = outermost & (vertices & (np.abs(part - 1) < HALF))[:, None, None]
+    whole = halved.any(axis=(1, 2))
+    width = spacing * np.where(whole, 1.0, share) ** (1 / dim)
+    return np.where(halved, 0.0, 0.5) * width[:, None, None] * np.array([-1, 1])
+
+
+def _squares(axes, x: np.ndarray, shape: np.ndarray, sides: np.ndarray, values: np.ndarray):
     """Each particle's cell, deformed by its deformation gradient `shape`."""
     from matplotlib.collections import PolyCollection
 
-    corners = spacing[:, None, None] / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners = sides[:, [0, 1], [[0, 0], [1, 0], [1, 1], [0, 1]]]
     squares = PolyCollection(
         x[:, None, :2] + corners @ shape[:, :2, :2].transpose(0, 2, 1), array=values, edgecolors="face", linewidths=0.2
     )
@@ -90,19 +115,19 @@ def _squares(axes, x: np.ndarray, shape: np.ndarray, spacing: np.ndarray, values
     return squares
 
 
-def _cubes(axes, position: np.ndarray, x: np.ndarray, shape: np.ndarray, spacing: np.ndarray, values: np.ndarray):
+def _cubes(axes, position, x, shape, spacing, sides, values):
     """The free faces of the particles' deformed cells."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     faces, colours, brightness = [], [], []
     for axis in range(3):
-        corners = np.insert(square, axis, 0.5, axis=1)
-        for side in (-1, 1):
-            free = free_faces(position, spacing, side * np.eye(3)[axis])
-            cells = side * spacing[free, None, None] * corners
+        for side in (0, 1):
+            corners = np.insert(square, axis, side, axis=1)
+            free = free_faces(position, spacing, (2 * side - 1) * np.eye(3)[axis])
+            cells = sides[free][:, [0, 1, 2], corners]
             faces.append(x[free, None] + cells @ shape[free].transpose(0, 2, 1))
             colours.append(values[free])
             brightness.append(np.full(free.sum(), {0: 0.9, 1: 0.85, 2: 1.0}[axis]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdpetsc.io import tables
-from pdpetsc.io.plot import colour_values, free_faces, plot_result
+from pdpetsc.io.plot import cell_sides, colour_values, free_faces, plot_result
 from pdpetsc.quantities import QUANTITIES, component, components
 from pdpetsc.recover import FIELDS
 
@@ -119,11 +119,24 @@ def test_free_faces_of_a_hole():
     assert np.array_equal(up, X[:, 2] > 1)
 
 
+def test_cells_are_drawn_by_their_volume():
+    """Cells that a border cuts are smaller, those of particles on vertices end where the body ends."""
+    X = np.array([[x, y] for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
+    spacing, thickness = np.full(9, 0.5), 0.1
+    sides = cell_sides(X, spacing, 0.25 * thickness * np.array([1, 1, 1, 1, 0.36, 1, 1, 1, 1]))
+    half = np.full((9, 2, 2), 0.25) * [-1, 1]
+    half[4] *= 0.6
+    np.testing.assert_allclose(sides, half)
+    on_sides = np.array([2, 1, 2, 1, 0, 1, 2, 1, 2])
+    sides = cell_sides(X, spacing, 0.25 * thickness / 2.0**on_sides)
+    np.testing.assert_allclose(X[..., None] + sides, np.clip(X[..., None] + 0.25 * np.array([-1, 1]), 0, 1))
+
+
 def test_the_pictures_show_each_spacing(tmp_path):
     X, spacing = refined((3, 2, 2), lambda x, y, z: 1 + (x == 0))
     for dim in (1, 2, 3):
         with h5py.File(tmp_path / "fields.h5", "w") as file:
-            file["position"], file["spacing"] = X * (np.arange(3) < dim), spacing
+            file["position"], file["spacing"], file["volume"] = X * (np.arange(3) < dim), spacing, spacing**dim
             group = file.create_group("00001")
             group["u"], group["F"] = 0.01 * X, np.tile(np.eye(3).ravel(), (len(X), 1))
         units = {"length": "mm", "force": "N", "time": "s"}
@@ -139,7 +152,7 @@ def test_pictures(tmp_path, dim, field):
     X = np.zeros((n, 3))
     X[:, :dim] = np.random.default_rng(0).uniform(0, 1e-3, (n, dim))
     with h5py.File(tmp_path / "fields.h5", "w") as file:
-        file["position"], file["spacing"] = X, np.full(n, 1e-4)
+        file["position"], file["spacing"], file["volume"] = X, np.full(n, 1e-4), np.full(n, 1e-4**dim)
         group = file.create_group("00003")
         group["u"] = np.zeros((n, 3)) if dim == 1 else 1e-5 * X
         group["F"] = np.tile(np.eye(3).ravel(), (n, 1))  # the cells are drawn deformed

@@ -75,6 +75,13 @@ def test_entries(model, dim, comm, petsc_options):
     simulation.newton.destroy()
 
 
+@pytest.mark.parametrize(("follower", "solver"), [(True, "preonly + lu"), (False, "preonly + cholesky")])
+def test_a_follower_makes_the_tangent_unsymmetric(follower, solver):
+    document = cube(8, "ordinary", dim=2)
+    document["load"] += [{"kind": "pressure", "surface": "top", "value": 0.1, "follower": follower}]
+    assert predict(made(document), 1).solver.startswith(solver)
+
+
 def test_a_body_as_large_as_the_sample_is_counted_whole():
     """8 x 8 x 8 particles; a family of 2.015 spacings has 32 neighbours where it is whole."""
     axis = np.arange(8.0)
