@@ -122,11 +122,13 @@ def _cubes(axes, position, x, shape, spacing, sides, values):
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    whole = np.abs(sides).max(axis=(1, 2)) > (1 - ALIKE) / 2 * spacing  # smaller ones hide nothing behind them
     faces, colours, brightness = [], [], []
     for axis in range(3):
         for side in (0, 1):
             corners = np.insert(square, axis, side, axis=1)
-            free = free_faces(position, spacing, (2 * side - 1) * np.eye(3)[axis])
+            free = ~whole
+            free[whole] = free_faces(position[whole], spacing[whole], (2 * side - 1) * np.eye(3)[axis])
             cells = sides[free][:, [0, 1, 2], corners]
             faces.append(x[free, None] + cells @ shape[free].transpose(0, 2, 1))
             colours.append(values[free])
