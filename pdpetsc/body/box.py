@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc.body.border import FEW_SAMPLES, SAMPLES, Cut, cut_cells
+from pdpetsc.body.slivers import adopted
 from pdpetsc.errors import InputError
 from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Facets, Points
@@ -23,12 +23,6 @@ NAMES = ("X", "Y", "Z")
 NOTHING_LEFT = (
     "body.keep: no particle is left; the condition is false everywhere, or where it holds is less than a cell"
 )
-
-NEAREST = 8
-"""Particles that may be equally near to a point on the surface."""
-
-ALIKE = 1e-9
-"""Distances that differ by less than this fraction are equal."""
 
 BLOCK = 1 << 16
 """Cells that are looked at together where not all of them fit."""
@@ -271,35 +265,8 @@ def box(comm, body, keep, horizon, facets: bool = False) -> Points:
     points.id = np.arange(begin, begin + n)
     if facets:
         points.facets.parent[points.facets.parent >= 0] += begin
-        points.facets = _adopted(comm, points)
+        points.facets = adopted(comm, points)
     return points
-
-
-def _adopted(comm, points: Points) -> Facets:
-    """The facets with those of slivers, that are no particles, given to the nearest particle on any rank; among equally
-    near ones to that of the lowest id. One that is farther than its horizon has no use for it."""
-    facets = points.facets
-    alone = facets.parent < 0
-    orphans = Facets.joined(comm.allgather(facets.chosen(alone)))
-    n = len(orphans)
-    distance, id = np.full(n, np.inf), np.full(n, np.iinfo(np.int64).max)
-    if n and len(points.id):
-        from scipy.spatial import cKDTree  # slow to import, and rarely needed
-
-        few = min(NEAREST, len(points.id))
-        found, row = cKDTree(points.position).query(orphans.position, few)
-        found, row = found.reshape(n, few), row.reshape(n, few)
-        tied = found <= found[:, :1] * (1 + ALIKE)
-        row = np.where(tied, row, len(points.id)).min(axis=1)  # rows are in the order of the ids
-        distance, id = found[:, 0], points.id[row]
-        distance[distance > points.horizon[row]] = np.inf
-    nearest = distance.copy()
-    comm.Allreduce(MPI.IN_PLACE, nearest, MPI.MIN)
-    tied = np.isfinite(distance) & (distance <= nearest * (1 + ALIKE))
-    lowest = np.where(tied, id, np.iinfo(np.int64).max)
-    comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)
-    orphans.parent[:] = id
-    return Facets.joined([facets.chosen(~alone), orphans.chosen(tied & (id == lowest))])
 
 
 def horizon_field(body, materials: dict, sets: dict) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
