@@ -20,12 +20,11 @@ from pdpetsc.census import QUICK, take_census
 from pdpetsc.errors import ConvergenceError, InputError, at
 from pdpetsc.grading import warn_thin_zones
 from pdpetsc.influence import bond_weights, influence_function
-from pdpetsc.loads.base import Load, Site
-from pdpetsc.loads.traction import TRANSFER, Surface, Traction
+from pdpetsc.loads.building import loaded_surfaces, loads_of, tractions_of
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.observers import Observer
 from pdpetsc.parallel import collective, warn
-from pdpetsc.particles import Facets, Particles, distribute
+from pdpetsc.particles import Particles, distribute
 from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
 from pdpetsc.solvers.linear import describe_linear_solver
@@ -90,8 +89,7 @@ class Simulation:
             )
             self.materials = _materials(case, p, self.families, interior, sets)
             self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
-            loads = _loads(case, p, sets)
-            tractions = _tractions(case, p, self.materials)
+            loads, tractions = loads_of(case, p, sets), tractions_of(case, p, self.materials)
             self.assembler = Assembler(p, self.materials, loads, self.timings, tractions)
         for k, probe in enumerate(self.probes):
             if not probe.reached:
@@ -234,7 +232,7 @@ def _particles(comm: PETSc.Comm, case: Case) -> Particles:
     """The distributed particles, with those facets on which a traction acts."""
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
-    loaded = {load.surface for load in case.load if _is_traction(load)}
+    loaded = loaded_surfaces(case)
     points = box(mpi, body, body.keep, horizon, bool(loaded))
     if loaded:
         facets = points.facets
@@ -243,10 +241,6 @@ def _particles(comm: PETSc.Comm, case: Case) -> Particles:
             chosen = [on_surface(facets, spacing, name, case.surfaces) for name in sorted(loaded)]
         points.facets = facets.chosen(np.any(chosen, axis=0))
     return distribute(comm, points, body.horizon_tolerance)
-
-
-def _is_traction(load) -> bool:
-    return getattr(load, "surface", None) is not None
 
 
 def _expected_blocks(case: Case) -> float:
@@ -294,49 +288,3 @@ def _materials(case: Case, p: Particles, families: Families, interior: int, sets
             "the sets in `where` must cover the body once"
         )
     return materials
-
-
-def _loads(case: Case, p: Particles, sets: Sets) -> list[Load]:
-    loads = []
-    for spec in case.load:
-        if not _is_traction(spec):
-            members = np.flatnonzero(sets[spec.set])
-            place = p.position[members], p.volume[members], p.spacing[members]
-            loads.append(Load.kinds[spec.kind](Site(p.comm.tompi4py(), members, *place, spec.value), spec))
-    return loads
-
-
-def _tractions(case: Case, p: Particles, materials: list[Material]) -> list[Traction]:
-    """The tractions of the case; several on one surface share its points."""
-    mpi, surfaces, tractions = p.comm.tompi4py(), {}, []
-    for number, spec in enumerate(case.load):
-        if not _is_traction(spec):
-            continue
-        if (spec.surface, spec.transfer) not in surfaces:
-            with collective(mpi):
-                spacing = p.spacing[p.facets.parent]
-                facets = p.facets.chosen(on_surface(p.facets, spacing, spec.surface, case.surfaces))
-            if not mpi.allreduce(len(facets)):
-                remedy = "" if case.body.fitted else "; the border of body.keep is a surface with body.fitted = true"
-                raise InputError(f"load.{number}.surface: nothing of the body lies on {spec.surface!r}{remedy}")
-            with collective(mpi):
-                surface = _surface(p, facets, materials, spec.transfer, f"load.{number}.surface")
-                surfaces[spec.surface, spec.transfer] = surface
-        axes = getattr(spec, "component", ())
-        tractions.append(Traction(surfaces[spec.surface, spec.transfer], axes, spec.value, spec.follower))
-    return tractions
-
-
-def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: str, place: str) -> Surface:
-    def of_materials(parent, r):
-        alpha = np.empty(len(r))
-        for material in materials:
-            own = material.own[parent] >= 0
-            alpha[own] = material.transfer(r[own])
-        return alpha
-
-    try:
-        alpha = of_materials if transfer == "cut_bonds" else lambda parent, r: TRANSFER[transfer](r)
-        return Surface(facets, p.position, p.volume, p.horizon, p.spacing, alpha)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None

@@ -1,0 +1,67 @@
+"""The loads of a case on its particles and surfaces."""
+
+import numpy as np
+
+from pdpetsc.body.sets import Sets
+from pdpetsc.body.surfaces import on_surface
+from pdpetsc.errors import InputError, at
+from pdpetsc.loads.base import Load, Site
+from pdpetsc.loads.traction import TRANSFER, Surface, Traction
+from pdpetsc.materials.base import Material
+from pdpetsc.parallel import collective
+from pdpetsc.particles import Facets, Particles
+
+
+def loaded_surfaces(case) -> list[str]:
+    """Names of the surfaces on which something acts."""
+    return sorted({load.surface for load in case.load if _is_traction(load)})
+
+
+def _is_traction(load) -> bool:
+    return getattr(load, "surface", None) is not None
+
+
+def loads_of(case, p: Particles, sets: Sets) -> list[Load]:
+    """What acts on sets of particles (collective)."""
+    loads = []
+    for spec in case.load:
+        if not _is_traction(spec):
+            members = np.flatnonzero(sets[spec.set])
+            place = p.position[members], p.volume[members], p.spacing[members]
+            loads.append(Load.kinds[spec.kind](Site(p.comm.tompi4py(), members, *place, spec.value), spec))
+    return loads
+
+
+def tractions_of(case, p: Particles, materials: list[Material]) -> list[Traction]:
+    """What acts on surfaces (collective). Several loads on one surface share its points.
+
+    Raises:
+        InputError: there is nothing on a surface, or its points see too few particles.
+    """
+    mpi, surfaces, tractions = p.comm.tompi4py(), {}, []
+    for number, spec in enumerate(case.load):
+        if not _is_traction(spec):
+            continue
+        key, place = (spec.surface, spec.transfer), f"load.{number}.surface"
+        if key not in surfaces:
+            with collective(mpi):
+                facets = p.facets.chosen(on_surface(p.facets, p.spacing[p.facets.parent], spec.surface, case.surfaces))
+            if not mpi.allreduce(len(facets)):
+                remedy = "" if case.body.fitted else "; the border of body.keep is a surface with body.fitted = true"
+                raise InputError(f"{place}: nothing of the body lies on {spec.surface!r}{remedy}")
+            with collective(mpi), at(place):
+                surfaces[key] = _surface(p, facets, materials, spec.transfer)
+        tractions.append(Traction(surfaces[key], getattr(spec, "component", ()), spec.value, spec.follower))
+    return tractions
+
+
+def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: str) -> Surface:
+    def of_materials(parent, r):
+        alpha = np.empty(len(r))
+        for material in materials:
+            own = material.own[parent] >= 0
+            alpha[own] = material.transfer(r[own])
+        return alpha
+
+    alpha = of_materials if transfer == "cut_bonds" else lambda parent, r: TRANSFER[transfer](r)
+    return Surface(facets, p.position, p.volume, p.horizon, p.spacing, alpha)
