@@ -50,11 +50,11 @@ def test_hole_under_pressure(run):
     page = (TESTS.parent / "docs" / "results.md").read_text()
     text = re.search(r"```toml\n(title = \"Hole under pressure.*?)```", page, re.DOTALL)[1]
     assert len(text.splitlines()) < 40
-    result = run(tomllib.loads(text))
+    result = run(tomllib.loads(text), petsc={"snes_rtol": 1e-13})  # balance is as good as the solution
     assert result.code == 0
     probes = result.summary["probes"]
     opening = (SQUARE["pressure_ux_rim"][0] + 0.3 * SQUARE["pressure_ux_rim"][1]) * 100 * 10 / 210e3
     assert probes["hoop"] == pytest.approx(100 * SQUARE["pressure_hoop"][0], rel=0.025)
     assert probes["opening"] == pytest.approx(opening, rel=0.025)
     assert probes["ligament"] == pytest.approx(1000.0, rel=0.005)
-    assert max(result.summary["balance"].values()) < 1e-11
+    assert max(result.summary["balance"].values()) < 1e-12
