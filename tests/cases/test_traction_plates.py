@@ -46,7 +46,7 @@ def test_stress_concentration(run):
 
 
 def test_hole_under_pressure(run):
-    """The page says 2 %, 2 % and 0.5 %."""
+    """The page says 0.6 %, 0.1 % and 1.4 %."""
     page = (TESTS.parent / "docs" / "results.md").read_text()
     text = re.search(r"```toml\n(title = \"Hole under pressure.*?)```", page, re.DOTALL)[1]
     assert len(text.splitlines()) < 40
@@ -54,7 +54,7 @@ def test_hole_under_pressure(run):
     assert result.code == 0
     probes = result.summary["probes"]
     opening = (SQUARE["pressure_ux_rim"][0] + 0.3 * SQUARE["pressure_ux_rim"][1]) * 100 * 10 / 210e3
-    assert probes["hoop"] == pytest.approx(100 * SQUARE["pressure_hoop"][0], rel=0.025)
-    assert probes["opening"] == pytest.approx(opening, rel=0.025)
-    assert probes["ligament"] == pytest.approx(1000.0, rel=0.005)
+    assert probes["hoop"] == pytest.approx(100 * SQUARE["pressure_hoop"][0], rel=0.007)
+    assert probes["opening"] == pytest.approx(opening, rel=0.002)
+    assert probes["ligament"] == pytest.approx(1000.0, rel=0.014)
     assert max(result.summary["balance"].values()) < 1e-12
