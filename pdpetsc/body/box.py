@@ -144,7 +144,7 @@ class Lattice:
         if self.body.particles == "vertices":
             low, high = np.where(outermost[..., 0], position, low), np.where(outermost[..., 1], position, high)
             volume = volume / 2.0 ** outermost.sum(axis=(1, 2))
-        cut = None
+        middle, cut = position, None
         if self.keep is None:
             kept = slice(None)
         elif self.body.fitted:
@@ -167,7 +167,7 @@ class Lattice:
         if facets:
             number = np.full(len(position), -1)
             number[kept] = np.arange(len(place))
-            points.facets = self._facets(number, low, high, outermost, cut)
+            points.facets = self._facets(number, middle, low, high, outermost, cut)
         return points
 
     def _outermost(self, index: np.ndarray, position: np.ndarray, half: np.ndarray) -> np.ndarray:
@@ -178,7 +178,7 @@ class Lattice:
         high = low + self.counts * self.cell
         return np.stack([position - 1.5 * half < low, position + 1.5 * half > high], axis=-1)
 
-    def _facets(self, number, low, high, outermost, cut: Cut | None) -> Facets:
+    def _facets(self, number, middle, low, high, outermost, cut: Cut | None) -> Facets:
         """The sides of kept cells on the sides of the lattice, and the pieces of surface in cut ones; the parent is -1
         where too little of a cell is inside for a particle."""
         dim, thickness = self.dim, self.body.thickness
@@ -187,7 +187,7 @@ class Lattice:
             if axis >= dim:
                 continue
             rows = np.flatnonzero(outermost[:, axis, side] & (cut.share == 1 if cut else number >= 0))
-            point = (low + high)[rows] / 2
+            point = middle[rows]
             point[:, axis] = (high if side else low)[rows, axis]
             area = np.zeros((len(rows), dim))
             area[:, axis] = (2 * side - 1) * np.delete((high - low)[rows], axis, axis=1).prod(axis=1)
