@@ -64,7 +64,7 @@ def _force(points, k, dead, pressure, u, F, T):
             T[p] -= pressure[k] * (F[a, c] * F[b, d] - F[a, d] * F[b, c]) * points.area[k, q]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _directions(points, k, X, u, n, distance, M):
     """Fill n_i and |d_i| of the family of point k, and M."""
     dim = points.position.shape[1]
@@ -94,6 +94,28 @@ def _directions(points, k, X, u, n, distance, M):
                 M[p, q] += points.share[b] * n[s, p] * n[s, q]
 
 
+@njit(cache=True, error_model="numpy")
+def _solve(M, right):
+    """Put M^-1 right in place of `right` (dim, n); M, symmetric and positive definite, is used up.
+
+    Where M is singular or no number the result is not finite, by which a step fails on all ranks; LAPACK would raise an
+    error on this rank alone.
+    """
+    dim, n = right.shape
+    for c in range(dim):
+        for r in range(c + 1, dim):
+            factor = M[r, c] / M[c, c]
+            for k in range(c, dim):
+                M[r, k] -= factor * M[c, k]
+            for k in range(n):
+                right[r, k] -= factor * right[c, k]
+    for r in range(dim - 1, -1, -1):
+        for k in range(n):
+            for c in range(r + 1, dim):
+                right[r, k] -= M[r, c] * right[c, k]
+            right[r, k] /= M[r, r]
+
+
 @njit(cache=True)
 def largest(offsets):
     size = 0
@@ -107,11 +129,11 @@ def add_forces(points, dead, pressure, X, u, force):
     """Add the forces on the particles."""
     dim, size = points.position.shape[1], largest(points.offsets)
     n, distance = np.empty((size, dim)), np.empty(size)
-    M, F, T = np.empty((dim, dim)), np.empty((3, 3)), np.empty(dim)
+    M, F, q = np.empty((dim, dim)), np.empty((3, 3)), np.empty(dim)
     for k in range(len(points.offsets) - 1):
         _directions(points, k, X, u, n, distance, M)
-        _force(points, k, dead, pressure, u, F, T)
-        q = np.linalg.solve(M, T)
+        _force(points, k, dead, pressure, u, F, q)
+        _solve(M, q.reshape(dim, 1))
         for b in range(points.offsets[k], points.offsets[k + 1]):
             s, along = b - points.offsets[k], 0.0
             for p in range(dim):
@@ -132,7 +154,7 @@ def totals(points, dead, pressure, u, position, force):
             position[k] += points.phi[b] * u[points.neighbours[b]]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def linearise(points, dead, pressure, X, u, own, mixed, turned):
     """Fill D_i, L_i and C_j = dT/du_j + D_j - phi_j sum D of each bond, with which df_i = D_i (dy - du_i) + L_i sum_j
     C_j du_j."""
@@ -144,7 +166,8 @@ def linearise(points, dead, pressure, X, u, own, mixed, turned):
         first, last = points.offsets[k], points.offsets[k + 1]
         _directions(points, k, X, u, n, distance, M)
         _force(points, k, dead, pressure, u, F, T)
-        inverse = np.linalg.inv(M)
+        inverse = np.eye(dim)
+        _solve(M, inverse)
         q = inverse @ T
         total[:] = 0.0
         for b in range(first, last):

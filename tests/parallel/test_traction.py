@@ -179,6 +179,18 @@ def test_tangent(comm, dim, kind, particles, model):
         np.testing.assert_allclose(n[k], block, atol=1e-12 * scale)
 
 
+@pytest.mark.parametrize("amount", (np.nan, np.inf, 1e200, -1.0))
+def test_impossible_states(comm, amount):
+    """A trial state without directions, on one rank only, gives a residual that is no number, and no error there."""
+    s = simulation(2, PRESSURE | {"surface": "right"})
+    a, X = s.assembler, s.particles.position[: s.particles.owned]
+    a.set_time(1.0)
+    u = np.where(X[:, :1] > 0.5, amount * X, 0.0)  # -1: all of them in one point
+    with np.errstate(invalid="ignore", over="ignore"):
+        assert not np.isfinite(comm.allreduce(float(np.abs(a.external_force(u)).sum())))
+        a.linearise(u)
+
+
 def test_objective(comm):
     """A pressure turns with the body."""
     s = simulation(3, PRESSURE | {"surface": "top"})
