@@ -50,12 +50,12 @@ def tractions_of(case, p: Particles, materials: list[Material]) -> list[Traction
                 remedy = "" if case.body.fitted else "; the border of body.keep is a surface with body.fitted = true"
                 raise InputError(f"{place}: nothing of the body lies on {spec.surface!r}{remedy}")
             with collective(mpi), at(place):
-                surfaces[key] = _surface(p, facets, materials, spec.transfer)
+                surfaces[key] = _surface(case, p, facets, materials, spec.transfer)
         tractions.append(Traction(surfaces[key], getattr(spec, "component", ()), spec.value, spec.follower))
     return tractions
 
 
-def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: str) -> Surface:
+def _surface(case, p: Particles, facets: Facets, materials: list[Material], transfer: str) -> Surface:
     def of_materials(parent, r):
         alpha = np.empty(len(r))
         for material in materials:
@@ -64,4 +64,5 @@ def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: 
         return alpha
 
     alpha = of_materials if transfer == "cut_bonds" else lambda parent, r: TRANSFER[transfer](r)
-    return Surface(facets, p.position, p.volume, p.horizon, p.spacing, alpha)
+    cracks = [crack.vertices for crack in case.body.cracks]
+    return Surface(facets, p.position, p.volume, p.horizon, p.spacing, alpha, p.id, cracks)

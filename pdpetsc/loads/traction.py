@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.surfaces import facet_coordinates
 from pdpetsc.bonds import DualFamilies, Families, find_families
 from pdpetsc.errors import InputError
@@ -32,12 +33,14 @@ class Surface:
         facets: with local parents.
         position, volume, horizon, spacing: of all local particles; those within a parent's horizon of a point are here.
         transfer: function of (parent, r) that gives alpha of bonds, r = |X_k - X_i|/delta.
+        ids: of all local particles.
+        cracks: as of `cut_bonds`; a point sees the particles that its parent sees.
 
     Raises:
         InputError: a point sees its particles along too few directions (on this rank only).
     """
 
-    def __init__(self, facets: Facets, position, volume, horizon, spacing, transfer):
+    def __init__(self, facets: Facets, position, volume, horizon, spacing, transfer, ids, cracks):
         n = len(facets)
         delta = horizon[facets.parent]
         every = np.concatenate([facets.position, position])
@@ -52,8 +55,11 @@ class Surface:
         own, neighbours = np.append(own, missing), np.append(neighbours, facets.parent[missing]).astype(np.int32)
         sizes[missing] += 1
         order = np.argsort(own, kind="stable")
-        own, neighbours = own[order], neighbours[order]
         offsets = np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes)])
+        families = Families(facets.parent.astype(np.int32), offsets, neighbours[order])
+        families = families.without(cut_bonds(families, position, ids, cracks).any(axis=0))
+        offsets, neighbours = families.offsets, families.neighbours
+        own = np.repeat(np.arange(n), np.diff(offsets))
 
         arm = (position[neighbours] - facets.position[own]) / delta[own, None]
         r = np.linalg.norm(arm, axis=1)

@@ -102,6 +102,21 @@ def test_the_total_is_that_of_the_load(comm):
     assert abs(sums[5]) < 2e-4 * 0.15**2  # as far as the chords of the border are its
 
 
+@pytest.mark.parametrize("particles", ("cells", "vertices"))
+def test_a_crack_keeps_the_traction_on_its_side(comm, particles):
+    """An edge crack through a loaded face: nothing of the load gets to the other side."""
+    x = {"cells": 0.5, "vertices": 0.525}[particles]
+    body = {"spacing": 0.05, "cracks": [{"from": [x, 0.3], "to": [x, 0.8]}], "particles": particles}
+    loads = [traction(2, surface="half", component="y", value="t")]
+    s = simulation(2, *loads, surfaces={"half": "NY > 0.5 and X > 0.51"}, body=body)
+    s.assembler.set_time(1.0)
+    for u in (np.zeros((s.particles.owned, 2)), deformed(s.particles)):
+        beyond = s.particles.position[: s.particles.owned, 0] < 0.51
+        force = s.assembler.external_force(u)
+        assert comm.allreduce(float(np.abs(force[beyond]).sum())) == 0
+        assert comm.allreduce(float(force[~beyond].sum())) > 0.4
+
+
 def direct_sum(comm, s, load, u, alpha):
     """Seed 003 Eq. 1-3 with numpy, over all particles and points, on every rank."""
     p = s.particles
