@@ -93,6 +93,16 @@ class Assembler:
                 load.add(time, self._external)
             for traction in self.tractions:
                 traction.set_time(time)
+        fixed = [traction for traction in self.tractions if not traction.follower]
+        if fixed:  # once a step: they do not depend on u
+            self._external += self._forces_of(fixed, np.zeros((self.particles.local, self.dim)))
+
+    def _forces_of(self, tractions: list[Traction], u: np.ndarray) -> np.ndarray:
+        """What tractions give the owned particles, (owned, dim), at local displacements (collective)."""
+        force = np.zeros_like(u)
+        for traction in tractions:
+            traction.add_external(u, force)
+        return self.particles.exchange.reverse_add(force)[: self.particles.owned]
 
     def unload(self) -> None:
         """No external forces, until the next `set_time`."""
@@ -102,13 +112,9 @@ class Assembler:
 
     def external_force(self, u: np.ndarray) -> np.ndarray:
         """External forces on the owned particles, (owned, dim), at owned displacements (collective)."""
-        if not self.tractions:
+        if not self._followers:
             return self._external
-        local = self.localise(u)
-        force = np.zeros_like(local)
-        for traction in self.tractions:
-            traction.add_external(local, force)
-        return self._external + self.particles.exchange.reverse_add(force)[: self.particles.owned]
+        return self._external + self._forces_of(self._followers, self.localise(u))
 
     def vector(self) -> PETSc.Vec:
         """A global vector with one entry for each displacement component."""

@@ -206,6 +206,20 @@ def test_impossible_states(comm, amount):
         a.linearise(u)
 
 
+def test_fixed_forces(comm):
+    """Without `follower` forces are those of the undeformed body in any state, and unloading takes them away."""
+    s = simulation(2, *KINDS["fixed"](2), PRESSURE | {"surface": "right", "follower": False})
+    a, p = s.assembler, s.particles
+    a.set_time(1.0)
+    still = a.external_force(np.zeros((p.owned, 2))).copy()
+    assert comm.allreduce(float(np.abs(still).sum())) > 0.1
+    np.testing.assert_array_equal(a.external_force(deformed(p)), still)
+    a.set_time(0.5)
+    np.testing.assert_allclose(a.external_force(deformed(p)), still / 2, atol=1e-16)
+    a.unload()
+    assert not a.external_force(deformed(p)).any()
+
+
 def test_objective(comm):
     """A pressure turns with the body."""
     s = simulation(3, PRESSURE | {"surface": "top"})
