@@ -11,6 +11,7 @@ from pdpetsc import options
 from pdpetsc.case import Case
 from pdpetsc.census import FULL, Census, Effort, take_census
 from pdpetsc.errors import InputError
+from pdpetsc.loads.building import follows
 from pdpetsc.memory import GIB
 from pdpetsc.solvers.linear import DIRECT, DIRECT_LIMIT, default_options, in_words
 from pdpetsc.solvers.tangent import KINDS, OPTION, choose
@@ -95,8 +96,9 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
         choice = choose(dim, census.particles, census.blocks, given)
     except InputError as error:
         raise InputError(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
-    follows = any(getattr(load, "surface", None) is not None and load.follower for load in case.load)
-    symmetric = all(material.symmetric for material in census.materials.values()) and not follows
+    materials = census.materials.values()
+    follower = any(follows(load, materials) for load in case.load)
+    symmetric = all(material.symmetric for material in materials) and not follower
     small = census.blocks * dim**2 <= DIRECT_LIMIT[dim]
     solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks) | given for k in KINDS}
     without = tuple(name for name, spec in case.material.items() if spec.density is None)

@@ -5,7 +5,7 @@ from mpi4py import MPI
 
 from pdpetsc.body.box import coordinates
 from pdpetsc.errors import InputError
-from pdpetsc.parallel import collective
+from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery
 
@@ -32,6 +32,7 @@ class Section:
 
     def __init__(self, name: str, spec, particles: Particles):
         p, self._mpi = particles, particles.comm.tompi4py()
+        self._name, self._warned = name, False
         self._particles, self._where, self._at = p, spec.where, np.array(spec.at)
         self._depth = (p.position - self._at) @ np.array(spec.normal)
         smallest = self._mpi.allreduce(float(p.spacing[: p.owned].min(initial=np.inf)), MPI.MIN)
@@ -66,4 +67,7 @@ class Section:
         spacing = (1 - share[:, 0]) * p.spacing[i] + share[:, 0] * p.spacing[j]
         with collective(self._mpi):
             inside = self._where.mask(**coordinates(position, spacing))
+        if not (self._warned or self._mpi.allreduce(int(inside.sum()))):
+            self._warned = True
+            warn(self._mpi, f"probe: no bond crosses the section {self._name!r} where {self._where.text}")
         return force[inside], place[inside]

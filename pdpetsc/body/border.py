@@ -1,8 +1,8 @@
 """Cells that the border of a body cuts: the share inside, its middle, and the piece of border in it.
 
-A body is known by a condition alone. A cell where points in the middle, on the corners and on the sides, or in the
-middles of the cells around it disagree is looked at in n^d points (and one layer of points around them, so that a
-border along the lattice is seen as well):
+A body is known by a condition alone. A cell where the points in its middle, on its corners and in the middles of the
+cells beside it disagree is looked at in n^d points (and one layer of points around them, so that a border along the
+lattice is seen as well):
 
     share     = the points inside over all                        V = share V_cell,  X = their mean
     area_k    = (changes from inside to outside - back) along axis k, times the face's area over n^(d-1)
@@ -13,6 +13,7 @@ closed surface add up to zero to rounding where all cells are of one size: what 
 """
 
 from collections.abc import Callable
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -69,13 +70,17 @@ def cut_cells(inside: Callable, low: np.ndarray, high: np.ndarray, outermost: np
     n, dim = low.shape
     share, middle = np.zeros(n), (low + high) / 2
     pieces = [_pieces(np.empty(0, np.int64), 0, np.empty((0, dim)), np.empty((0, dim)))]
-    near = np.array([-TOUCH, 1.0, 2 + TOUCH]) / 2
-    around = np.array([-0.5, 0.5, 1.5])  # a border that comes in between the near points has crossed one of these
-    for first in range(0, n, max(1, BLOCK // 3**dim)):
-        block = np.arange(first, min(n, first + max(1, BLOCK // 3**dim)))
-        seen = np.concatenate(
-            [_look(inside, low, high, outermost, block, at).reshape(len(block), -1) for at in (near, around)], axis=1
-        )
+    corners = np.array(list(product((-TOUCH / 2, 1 + TOUCH / 2), repeat=dim)))
+    around = 0.5 + np.concatenate([np.zeros((1, dim)), np.eye(dim), -np.eye(dim)])  # a border that comes in between
+    places = np.concatenate([corners, around])  # corners has crossed the middle of the next cell
+    count = max(1, BLOCK // len(places))
+    for first in range(0, n, count):
+        block = np.arange(first, min(n, first + count))
+        at = np.broadcast_to(places, (len(block), *places.shape))
+        at = np.where(outermost[block, None, :, 0], np.maximum(at, TOUCH / 2), at)
+        at = np.where(outermost[block, None, :, 1], np.minimum(at, 1 - TOUCH / 2), at)
+        points = low[block, None] + at * (high - low)[block, None]
+        seen = inside(points.reshape(-1, dim), np.repeat(block, len(places))).reshape(len(block), -1)
         share[block] = seen.all(axis=1)
         mixed = block[seen.any(axis=1) & (share[block] == 0)]
         step = max(1, BLOCK // (size + 2) ** dim)
@@ -97,8 +102,8 @@ def _look(inside, low, high, outermost, rows, places) -> np.ndarray:
     axes = []
     for k in range(dim):
         at = np.broadcast_to(places, (len(rows), len(places))).copy()
-        at[outermost[rows, k, 0], 0] = first if len(places) > 3 else TOUCH / 2
-        at[outermost[rows, k, 1], -1] = last if len(places) > 3 else 1 - TOUCH / 2
+        at[outermost[rows, k, 0], 0] = first
+        at[outermost[rows, k, 1], -1] = last
         axes.append(low[rows, k, None] + at * (high - low)[rows, k, None])
     shape = (len(rows),) + (len(places),) * dim
     points = [

@@ -3,6 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
+from pdpetsc.parallel import warn
 from pdpetsc.particles import Facets, Points
 
 NEAREST = 8
@@ -14,7 +15,8 @@ ALIKE = 1e-9
 
 def adopted(comm, points: Points) -> Facets:
     """The facets with those of slivers, that are no particles, given to the nearest particle on any rank; among equally
-    near ones to that of the lowest id. One that is farther than its horizon has no use for it (collective)."""
+    near ones to that of the lowest id. One that is farther than its horizon has no use for it; such pieces are lost,
+    with a warning (collective)."""
     facets = points.facets
     alone = facets.parent < 0
     orphans = Facets.joined(comm.allgather(facets.chosen(alone)))
@@ -32,6 +34,14 @@ def adopted(comm, points: Points) -> Facets:
         distance[distance > points.horizon[row]] = np.inf
     nearest = distance.copy()
     comm.Allreduce(MPI.IN_PLACE, nearest, MPI.MIN)
+    lost = ~np.isfinite(nearest)
+    if lost.any():
+        where = ", ".join(f"{x:g}" for x in orphans.position[lost][0])
+        warn(
+            comm,
+            f"body.keep: {int(lost.sum())} pieces of the border, one at ({where}), have no particle within its horizon "
+            "and take no traction; lower the spacing there",
+        )
     tied = np.isfinite(distance) & (distance <= nearest * (1 + ALIKE))
     lowest = np.where(tied, id, np.iinfo(np.int64).max)
     comm.Allreduce(MPI.IN_PLACE, lowest, MPI.MIN)

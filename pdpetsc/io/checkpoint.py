@@ -52,7 +52,11 @@ def read_description(directory: Path) -> dict:
                 raise InputError(f"{path}: this is no pdpetsc checkpoint of format {FORMAT}")
             return json.loads(file["description"][...].tobytes())
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no checkpoint; restart needs the result directory of a run") from None
+        raise InputError(
+            f"{path}: there is no checkpoint; restart needs the results of a run that solved a load step"
+        ) from None
+    except NotADirectoryError:
+        raise InputError(f"{path.parent}: is no directory; restart needs the result directory of a run") from None
     except (OSError, KeyError, ValueError) as error:
         raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
 

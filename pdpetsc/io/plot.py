@@ -108,8 +108,9 @@ def _squares(axes, x: np.ndarray, shape: np.ndarray, sides: np.ndarray, values: 
 
     corners = sides[:, [0, 1], [[0, 0], [1, 0], [1, 1], [0, 1]]]
     squares = PolyCollection(
-        x[:, None, :2] + corners @ shape[:, :2, :2].transpose(0, 2, 1), array=values, edgecolors="face", linewidths=0.2
-    )
+        x[:, None, :2] + corners @ shape[:, :2, :2].transpose(0, 2, 1),
+        array=values, edgecolors="face", linewidths=0.5, snap=False,  # no white lines where pixels fall between cells
+    )  # fmt: skip
     axes.add_collection(squares)
     axes.autoscale_view()
     return squares

@@ -1,5 +1,7 @@
 """The loads of a case on its particles and surfaces."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from pdpetsc.body.sets import Sets
@@ -19,6 +21,13 @@ def loaded_surfaces(case) -> list[str]:
 
 def _is_traction(load) -> bool:
     return getattr(load, "surface", None) is not None
+
+
+def follows(load, materials: Iterable[Material]) -> bool:
+    """Whether a load follows the deformation: on a surface, as it says, or else unless all kinematics are linear."""
+    if not _is_traction(load):
+        return False
+    return not all(m.linear for m in materials) if load.follower is None else load.follower
 
 
 def loads_of(case, p: Particles, sets: Sets) -> list[Load]:
@@ -47,11 +56,13 @@ def tractions_of(case, p: Particles, materials: list[Material]) -> list[Traction
             with collective(mpi):
                 facets = p.facets.chosen(on_surface(p.facets, p.spacing[p.facets.parent], spec.surface, case.surfaces))
             if not mpi.allreduce(len(facets)):
-                remedy = "" if case.body.fitted else "; the border of body.keep is a surface with body.fitted = true"
+                unfitted = case.body.keep is not None and not case.body.fitted
+                remedy = "; the border of body.keep is a surface with body.fitted = true" if unfitted else ""
                 raise InputError(f"{place}: nothing of the body lies on {spec.surface!r}{remedy}")
             with collective(mpi), at(place):
                 surfaces[key] = _surface(case, p, facets, materials, spec.transfer)
-        tractions.append(Traction(surfaces[key], getattr(spec, "component", ()), spec.value, spec.follower))
+        axes = getattr(spec, "component", ())
+        tractions.append(Traction(surfaces[key], axes, spec.value, follows(spec, materials)))
     return tractions
 
 

@@ -167,7 +167,7 @@ class Traction(Table):
     surface: SurfaceName
     component: Axes
     value: formula("t", of_surface=True)
-    follower: bool = True
+    follower: bool | None = None
     transfer: Transfer = "cut_bonds"
 
 
@@ -180,17 +180,20 @@ class Pressure(Table):
     normal: Annotated[tuple[float, ...], PlainValidator(unit_normal)] | None = None
     value: formula("t")
     width: Positive | None = None
-    follower: bool = True
+    follower: bool | None = None
     transfer: Transfer = "cut_bonds"
 
     @model_validator(mode="after")
     def _check(self):
         exactly_one(self, "surface", "set")
         if self.surface is None and self.normal is None:
-            raise error_at("normal", "a pressure on a set of particles needs its outward normal")
+            raise error_at("normal", "a pressure on a set needs its outward normal, one on a surface does not")
         of_other = ("follower", "transfer") if self.surface is None else ("normal", "width")
         if wrong := [key for key in of_other if key in self.model_fields_set]:
-            raise error_at(wrong[0], f"goes with {'surface' if self.surface is None else 'set'}")
+            raise error_at(
+                wrong[0],
+                "goes with surface, not with set" if self.surface is None else "goes with set, not with surface",
+            )
         return self
 
 

@@ -31,7 +31,8 @@ def setting_of(document: dict) -> Setting:
     size = body.get("size") if isinstance(body, dict) else None
     dim = len(size) if isinstance(size, list) and 1 <= len(size) <= 3 else 3
     names = [tuple(named) if isinstance(named, dict) else () for named in (sets, surfaces)]
-    return Setting(dim, ("all", *names[0]), (*FACES[: 2 * dim], "border", *names[1]))
+    border = ("border",) if isinstance(body, dict) and body.get("fitted") is True else ()
+    return Setting(dim, ("all", *names[0]), (*FACES[: 2 * dim], *border, *names[1]))
 
 
 def formula(*more_names: str, condition: bool = False, of_surface: bool = False):
@@ -75,7 +76,8 @@ def new_surface(value: str) -> str:
 def known_surface(value: str, info: ValidationInfo) -> str:
     if value not in info.context.surfaces:
         choices = info.context.surfaces
-        raise ValueError(f"there is no surface {value!r}{hint(value, choices)}; choices: {', '.join(choices)}")
+        fitted = "; the border of body.keep is one with body.fitted = true" if "border" not in choices else ""
+        raise ValueError(f"there is no surface {value!r}{hint(value, choices)}; choices: {', '.join(choices)}{fitted}")
     return value
 
 

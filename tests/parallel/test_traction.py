@@ -220,6 +220,15 @@ def test_fixed_forces(comm):
     assert not a.external_force(deformed(p)).any()
 
 
+def test_linear_bodies_have_fixed_loads(comm):
+    """Unless the load says otherwise."""
+    material = {"m": {"model": "ordinary", "E": 1.0, "nu": 0.25, "kinematics": "linear"}}
+    for given, expected in (({}, False), ({"follower": True}, True)):
+        s = simulation(2, PRESSURE | {"surface": "top"} | given, material=material)
+        assert s.assembler.tractions[0].follower == expected
+        assert s.assembler.symmetric != expected
+
+
 def test_objective(comm):
     """A pressure turns with the body."""
     s = simulation(3, PRESSURE | {"surface": "top"})
@@ -265,13 +274,13 @@ def test_tension(comm):
 
 
 def test_input_errors(comm):
-    with pytest.raises(InputError, match=r"load\.1.surface: nothing of the body lies on 'border'.*fitted = true"):
+    with pytest.raises(InputError, match=r"load\.1.surface: there is no surface 'border'.*fitted = true"):
         simulation(2, PRESSURE | {"surface": "border"})
     with pytest.raises(InputError, match=r"load\.1.*there is no surface 'tpo' .did you mean 'top'"):
         simulation(2, PRESSURE | {"surface": "tpo"})
-    with pytest.raises(InputError, match=r"load\.1.normal: a pressure on a set of particles needs its outward normal"):
+    with pytest.raises(InputError, match=r"load\.1.normal: a pressure on a set needs its outward normal"):
         simulation(2, PRESSURE | {"set": "all"})
-    with pytest.raises(InputError, match=r"load\.1.width: goes with set"):
+    with pytest.raises(InputError, match=r"load\.1.width: goes with set, not with surface"):
         simulation(2, PRESSURE | {"surface": "top", "width": 0.1})
     with pytest.raises(InputError, match="needs exactly one of surface, set"):
         simulation(2, PRESSURE | {"surface": "top", "set": "all", "normal": "y"})
