@@ -41,8 +41,7 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
         _check_replaceable(out, case)
     if not quiet and not Path(os.environ["NUMBA_CACHE_DIR"]).exists():
         say(comm, "compiling the kernels, once for this version: about half a minute")
-    _refuse_too_large(case, comm.tompi4py())
-    simulation = Simulation(case, comm)
+    simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
     with collective(comm.tompi4py()):
         if comm.rank == 0:
             _replace(out, case)
@@ -57,8 +56,7 @@ def restart(directory: Path, quiet: bool = False) -> int:
         kept = read_description(directory)
         rows = kept.pop("rows")
         case = Case.from_document(**kept)
-    _refuse_too_large(case, comm.tompi4py())
-    simulation = Simulation(case, comm)
+    simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
     simulation.state = read_state(directory, simulation.particles)
     simulation.assembler.set_time(simulation.state.time)
     simulation.rows = rows
@@ -93,18 +91,23 @@ def check(case: Case, ranks: int | None = None) -> int:
     return 0
 
 
-def _refuse_too_large(case: Case, comm) -> None:
-    """Raise an InputError on all ranks where the case cannot fit into memory or integers."""
+def _blocks_that_fit(case: Case, comm) -> float | None:
+    """About how many blocks the assembled tangent has; None where a quick look misses the body.
+
+    Raises:
+        InputError: on all ranks, where the case cannot fit into memory or integers.
+    """
     available = memory_per_rank(comm)
     try:
         prediction = predict(case, comm.size, QUICK)
     except InputError:
-        return  # on all ranks alike; a quick look may miss the body, and building it says what is wrong
+        return None  # on all ranks alike; building the body says what is wrong
     with collective(comm):
         try:
             check_fits(prediction, available)
         except InputError as error:
             raise InputError(f"{case.path}: {error}") from None
+    return prediction.blocks
 
 
 def _check_replaceable(out: Path, case: Case) -> None:

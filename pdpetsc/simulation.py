@@ -42,6 +42,10 @@ second simulation of one process some would have to copy it again, collectively,
 class Simulation:
     """A case that has been built and can be solved.
 
+    Args:
+        case, comm: what is run, and PETSc's communicator.
+        blocks: of the assembled tangent, where they have been counted.
+
     Attributes:
         case, comm: what is run, and PETSc's communicator.
         particles, families, materials, assembler, newton: the discrete problem; `cut_bonds` by each crack.
@@ -53,11 +57,11 @@ class Simulation:
         observers: who is told.
     """
 
-    def __init__(self, case: Case, comm: PETSc.Comm):
+    def __init__(self, case: Case, comm: PETSc.Comm, blocks: float | None = None):
         self._started = clock.perf_counter()
         self.case, self.comm = case, comm
         try:
-            self._build(case, comm)
+            self._build(case, comm, _expected_blocks(case) if blocks is None else blocks)
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(case.path) else f"{case.path}: {message}") from None
@@ -65,7 +69,7 @@ class Simulation:
         self.rows: list[dict] = []
         self.observers: list[Observer] = []
 
-    def _build(self, case: Case, comm: PETSc.Comm) -> None:
+    def _build(self, case: Case, comm: PETSc.Comm, blocks: float) -> None:
         self.timings = Timings()
         with self.timings("setup"):
             self.particles = _particles(comm, case)
@@ -107,7 +111,7 @@ class Simulation:
         check_resistance(p, self.materials, self.assembler.constrained)
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
-        self.newton = Newton(self.assembler, _expected_blocks(case))
+        self.newton = Newton(self.assembler, blocks)
 
     @cached_property
     def recovery(self) -> Recovery:
@@ -237,7 +241,7 @@ def _particles(comm: PETSc.Comm, case: Case) -> Particles:
     if loaded:
         facets = points.facets
         with collective(mpi):
-            spacing = points.spacing[facets.parent - points.id[:1].sum()]
+            spacing = points.spacing[np.searchsorted(points.id, facets.parent)]
             chosen = [on_surface(facets, spacing, name, case.surfaces) for name in sorted(loaded)]
         points.facets = facets.chosen(np.any(chosen, axis=0))
     return distribute(comm, points, body.horizon_tolerance)

@@ -22,6 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pdpetsc.materials.families import largest_family
+
 
 class Points(NamedTuple):
     """Collocation points and their families.
@@ -117,17 +119,9 @@ def _solve(M, right):
 
 
 @njit(cache=True)
-def largest(offsets):
-    size = 0
-    for k in range(len(offsets) - 1):
-        size = max(size, offsets[k + 1] - offsets[k])
-    return size
-
-
-@njit(cache=True)
 def add_forces(points, dead, pressure, X, u, force):
     """Add the forces on the particles."""
-    dim, size = points.position.shape[1], largest(points.offsets)
+    dim, size = points.position.shape[1], largest_family(points.offsets)
     n, distance = np.empty((size, dim)), np.empty(size)
     M, F, q = np.empty((dim, dim)), np.empty((3, 3)), np.empty(dim)
     for k in range(len(points.offsets) - 1):
@@ -158,7 +152,7 @@ def totals(points, dead, pressure, u, position, force):
 def linearise(points, dead, pressure, X, u, own, mixed, turned):
     """Fill D_i, L_i and C_j = dT/du_j + D_j - phi_j sum D of each bond, with which df_i = D_i (dy - du_i) + L_i sum_j
     C_j du_j."""
-    dim, size = points.position.shape[1], largest(points.offsets)
+    dim, size = points.position.shape[1], largest_family(points.offsets)
     n, distance = np.empty((size, dim)), np.empty(size)
     M, F, T, total = np.empty((dim, dim)), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
     m, g, N = np.empty(3), np.zeros(3), np.zeros(3)
