@@ -66,13 +66,12 @@ class Neighbourhood:
         """center, offsets and neighbours, as kernels take them."""
         return self.families.center, self.families.offsets, self.families.neighbours
 
-    def weighted_moments(self, vectors: np.ndarray) -> np.ndarray:
-        """sum w beta V_j (vectors_j - vectors_i) (x) xi of each family; of the positions, the shape tensor K (seed 004
-        Eq. 3.19)."""
+    def weighted_moments(self, vectors: np.ndarray, intact: np.ndarray | None = None) -> np.ndarray:
+        """sum w beta V_j (vectors_j - vectors_i) (x) xi of each family, over its `intact` bonds; of the positions, the
+        shape tensor K (seed 004 Eq. 3.19)."""
         moments = np.zeros((len(self.families), self.dim, self.dim))
-        sums.weighted_moments(
-            dimension(self.dim), self.position, *self.bonds(), self.weight, self.volume, vectors, moments
-        )
+        weight = self.weight if intact is None else self.weight * intact
+        sums.weighted_moments(dimension(self.dim), self.position, *self.bonds(), weight, self.volume, vectors, moments)
         return moments
 
 
@@ -119,6 +118,8 @@ class Material:
 
     symmetric = True
     """Whether the tangent is symmetric (hyperelastic models)."""
+    intact: np.ndarray | None = None
+    """Mask of the bonds that are not broken; None: all."""
     couples_family = True
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
     follows_bonds = False
@@ -169,6 +170,28 @@ class Material:
             InputError: a family on which the model is not defined (on this rank only; on all ranks alike where the
                 model calls `part.forward`).
         """
+        raise NotImplementedError
+
+    def set_bonds(self, intact: np.ndarray) -> None:
+        """Go on with the bonds of a mask (bonds,); the others carry nothing and count in no sum of their family. The
+        families stay as they are, and with them all that is laid out by them."""
+        self.intact = intact
+        self._keep(intact)
+
+    @property
+    def span(self) -> np.ndarray:
+        """lambda_min(K)/lambda_min(K_whole) of each family's shape tensors, of its intact bonds and of all: 1 where it is
+        whole, 1/2 beside a straight crack, 0 where its bonds no longer span the space."""
+        if self.intact is None:
+            return np.ones(len(self.families))
+        return np.linalg.eigvalsh(self._part.weighted_moments(self._X, self.intact))[:, 0] / self._whole_shape
+
+    @cached_property
+    def _whole_shape(self) -> np.ndarray:
+        return np.linalg.eigvalsh(self._part.weighted_moments(self._X))[:, 0]
+
+    def _keep(self, intact: np.ndarray) -> None:
+        """Make the model's data anew from those of the whole families and a mask of bonds."""
         raise NotImplementedError
 
     def transfer(self, r: np.ndarray) -> np.ndarray:

@@ -5,6 +5,15 @@
 
 The energy of a family is V_i (W(F) + zero-energy control), the family's forces are its gradient, and its tangent
 V_i g . dP/dF . g is symmetric.
+
+Bonds that break leave K, F, T and T_z together, and F stays exact for affine motions of the bonds that are left. That
+ends where these no longer span the space. With the smallest eigenvalue of K as a measure,
+
+    q = lambda_min(K)/lambda_min(K_whole),    b = s^2 (3 - 2 s),  s = (q - 0.1)/0.2 between 0 and 1,
+
+a family keeps the share b of its law and of its zero-energy control, and 1 - b of it is rods along its bonds, 1/2 r w
+e^2 with r = n^2 K'/tr(K_whole): what each bond would have in a bond-based solid. A straight crack beside a particle
+leaves it q = 1/2, so crack faces are b = 1; it is splinters between cracks that become rods.
 """
 
 from typing import Literal
@@ -22,6 +31,9 @@ from pdpetsc.materials.stabilisation import (
     ZeroEnergyControl,
     control_modulus,
 )
+
+FADE = (0.1, 0.3)
+"""q between which a family goes over from rods to the law."""
 
 SMALLEST_SHAPE = 1e-6
 """Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
@@ -61,9 +73,28 @@ class Correspondence(Material):
         weight = part.weight * part.volume[families.neighbours]
         c = control_modulus(stabilisation, law.lame, law.shear, shape, part.horizon[families.center], part.thickness)
         affine = AFFINE_PART_REMOVED[stabilisation.kind] * c[:, None, None] * shape
-        data = kernels.Gradients(law, weight, np.linalg.inv(shape), c, affine, law.lame + 2 * law.shear)
+        whole = np.ones(len(families)), np.zeros(len(families))
+        data = kernels.Gradients(law, weight, np.linalg.inv(shape), c, affine, law.lame + 2 * law.shear, *whole)
         tangent = kernels.GradientTangent(np.empty((len(families), *(dim,) * 4)))
         super().__init__(part, data, tangent, law.lame, law.shear, plane)
+        self._whole, self._trace = data, np.trace(shape, axis1=1, axis2=2)
+
+    def _keep(self, intact):
+        part, whole, dim = self._part, self._whole, self._part.dim
+        shape = part.weighted_moments(part.position, intact)
+        s = np.clip((self.span - FADE[0]) / (FADE[1] - FADE[0]), 0, 1)
+        share = s**2 * (3 - 2 * s)
+        shape[share == 0] = np.eye(dim)  # not inverted
+        inverse = np.linalg.inv(shape) * (share > 0)[:, None, None]
+        control = share * whole.control
+        affine = AFFINE_PART_REMOVED[self._stabilisation.kind] * control[:, None, None] * shape
+        stiffness = dim**2 * (self.lame + 2 * self.shear / dim)
+        rod = (1 - share) * stiffness / self._trace
+        self._data = whole._replace(
+            weight=whole.weight * intact, inverse=inverse, control=control, affine=affine, share=share, rod=rod
+        )
+        self.follows_bonds = bool(rod.any())
+        self._mechanics = self._data, self._bonds
 
     @classmethod
     def from_case(cls, keys, part):

@@ -1,9 +1,10 @@
 """The family element of the correspondence model.
 
-    H = M K^-1,  M = sum w eta (x) xi,   t = w (S xi + c eta),   S = (P(H) - a c H K) K^-1
+    H = M K^-1,  M = sum w eta (x) xi,   t = w (S xi + c eta + r e n),   S = (b P(H) - a c H K) K^-1
 
 with w = w beta V_j of each bond. c and a of each family are those of the zero-energy control (stabilisation.py); its
-part in S takes the affine motion out.
+part in S takes the affine motion out. A family that has lost most of its bonds has a share b < 1 of the law and rods of
+stiffness r along its bonds instead, with e = |y| - |xi|, n = y/|y| (Correspondence).
 """
 
 from typing import NamedTuple
@@ -38,6 +39,8 @@ class Gradients(NamedTuple):
         control: c of each family [force/length^7].
         affine: a c K of each family.
         modulus: P-wave modulus [force/area].
+        share: b of each family, 1 where it is whole.
+        rod: r of each family [force/length^7], 0 where it is whole.
     """
 
     law: NamedTuple
@@ -46,6 +49,8 @@ class Gradients(NamedTuple):
     control: np.ndarray
     affine: np.ndarray
     modulus: float
+    share: np.ndarray
+    rod: np.ndarray
 
 
 class GradientTangent(NamedTuple):
@@ -91,6 +96,19 @@ def gradient_forces(D, f, first, size, weight, inverse, control, P, eta, s, t):
                 t[p, q] += S * s[r, q]
 
 
+@njit(cache=True, inline="always")
+def rod(D, xi, eta, q, y):
+    """Fill y with xi + eta of a bond; (e/|y|, |y|^2)."""
+    square, change, current = 0.0, 0.0, 0.0
+    for p in range(len(D)):
+        y[p] = xi[p, q] + eta[p, q]
+        square += xi[p, q] ** 2
+        change += (xi[p, q] + y[p]) * eta[p, q]
+        current += y[p] ** 2
+    length = np.sqrt(current)
+    return change / (length * (length + np.sqrt(square))), current
+
+
 @implements(force_state, Gradients)
 def force(D, data, f, first, size, space):
     dim = len(D)
@@ -99,9 +117,16 @@ def force(D, data, f, first, size, space):
     first_piola(data.law, H, P, space.work)
     for p in range(dim):
         for q in range(dim):
+            P[p, q] *= data.share[f]
             for r in range(dim):
                 P[p, q] -= H[p, r] * affine[f, r, q]
     gradient_forces(D, f, first, size, weight, inverse, data.control, P, eta, s, space.t)
+    if data.rod[f] > 0.0:
+        y = space.H[0]
+        for q in range(size):
+            strain, _ = rod(D, space.xi, eta, q, y)
+            for p in range(dim):
+                space.t[p, q] += data.rod[f] * weight[first + q] * strain * y[p]
 
 
 @implements(energy_state, Gradients)
@@ -118,7 +143,12 @@ def energy(D, data, f, first, size, space):
         for q in range(dim):
             for r in range(dim):
                 control -= H[p, q] * affine[f, q, r] * H[p, r]
-    return energy_density(data.law, H, space.work) + 0.5 * control
+    if data.rod[f] > 0.0:
+        y = space.P[0]
+        for q in range(size):
+            strain, square = rod(D, space.xi, eta, q, y)
+            control += data.rod[f] * weight[first + q] * strain**2 * square
+    return data.share[f] * energy_density(data.law, H, space.work) + 0.5 * control
 
 
 @njit(cache=True, inline="always")
@@ -144,7 +174,7 @@ def size(D, data, f, first, size, space):
         b[q] = np.sqrt(square)
         stress += data.modulus * b[q] * a[q]
     for q in range(size):
-        b[q] = stress * b[q] + data.control[f] * data.weight[first + q] * a[q]
+        b[q] = stress * b[q] + (data.control[f] + data.rod[f]) * data.weight[first + q] * a[q]
 
 
 @implements(linearise_state, Gradients)
@@ -154,6 +184,9 @@ def linearise(D, data, tangent, f, first, size, space):
     elasticity_tensor(data.law, space.H, tangent.tensor[f], space.work)
     for p in range(dim):
         for q in range(dim):
+            for r in range(dim):
+                for s in range(dim):
+                    tangent.tensor[f, p, q, r, s] *= data.share[f]
             for r in range(dim):
                 tangent.tensor[f, p, q, p, r] -= data.affine[f, r, q]
 
@@ -173,6 +206,16 @@ def action(D, data, tangent, f, first, size, space):
                     total += tensor[f, p, q, r, m] * H[r, m]
             P[p, q] = total
     gradient_forces(D, f, first, size, weight, inverse, data.control, P, deta, s, space.t)
+    if data.rod[f] > 0.0:
+        y = space.H[0]
+        for q in range(size):
+            strain, square = rod(D, space.xi, space.eta, q, y)
+            along = 0.0
+            for p in range(dim):
+                along += y[p] * deta[p, q]
+            k = data.rod[f] * weight[first + q]
+            for p in range(dim):
+                space.t[p, q] += k * ((1.0 - strain) * along / square * y[p] + strain * deta[p, q])
 
 
 @implements(element_state, Gradients)
@@ -184,6 +227,13 @@ def element(D, data, tangent, f, first, size, space, block, left, right):
             for r in range(dim):
                 block[q, p, r] = 0.0
             block[q, p, p] = data.control[f] * data.weight[b]
+        if data.rod[f] > 0.0:
+            y, k = space.H[0], data.rod[f] * data.weight[b]
+            strain, square = rod(D, space.xi, space.eta, q, y)
+            for p in range(dim):
+                for r in range(dim):
+                    block[q, p, r] += k * (1.0 - strain) * y[p] * y[r] / square
+                block[q, p, p] += k * strain
         shape_gradient(D, f, b, q, data.weight, data.inverse, space.xi, left[q])
 
 

@@ -25,6 +25,7 @@ from pdpetsc.quadrature import matched_weights
 
 Kinematics = Literal["nonlinear", "linear"]
 SurfaceCorrection = Literal["none", "energy", "directional"]
+WeightedVolume = Literal["frozen", "updated"]
 
 SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}
 """Surface of the unit sphere in n dimensions."""
@@ -87,9 +88,20 @@ class Ordinary(Material):
         data = Extensions(k, B if dilates else np.empty(0), s, rotation_weighted, linear)
         tangent = ExtensionTangent(np.empty(len(data.B)))
         super().__init__(part, data, tangent, moduli.lame, moduli.shear, moduli.plane)
-        if not dilates:  # a spring between two families is evaluated once
-            offsets, neighbours, k = sums.folded(self.own, *self._bonds, self._volume, k)
-            self._mechanics = data._replace(k=k), (part.families.center, offsets, neighbours)
+        self._whole = k
+        self._fold()
+
+    def _fold(self) -> None:
+        """Without a dilatation, springs between two families are evaluated once."""
+        if not self.couples_family:
+            offsets, neighbours, k = sums.folded(self.own, *self._bonds, self._volume, self._data.k)
+            self._mechanics = self._data._replace(k=k), (self.families.center, offsets, neighbours)
+        else:
+            self._mechanics = self._data, self._bonds
+
+    def _keep(self, intact):
+        self._data = self._data._replace(k=self._whole * intact)
+        self._fold()
 
     def resists_strain(self):
         resists = np.empty(len(self.families), bool)
@@ -104,9 +116,9 @@ class Ordinary(Material):
         """Of the output: sum w V eta (x) xi K^-1, as a correspondence model has it (zero in directions that the
         family does not span); in plane stress the free directions follow from linear elasticity."""
         part, dim = self._part, self._part.dim
-        shape = part.weighted_moments(part.position)
+        shape = part.weighted_moments(part.position, self.intact)
         H = np.zeros((len(self.families), 3, 3))
-        H[:, :dim, :dim] = part.weighted_moments(u) @ np.linalg.pinv(shape, rcond=SMALLEST_SHAPE, hermitian=True)
+        H[:, :dim, :dim] = part.weighted_moments(u, self.intact) @ np.linalg.pinv(shape, rcond=SMALLEST_SHAPE, hermitian=True)
         if self.plane == "stress":
             free = range(dim, 3)
             H[:, free, free] = self._lateral_strain(H[:, :dim, :dim])[:, None]
@@ -146,6 +158,8 @@ class LinearPeridynamicSolid(Ordinary):
         part, kinematics: as in `Ordinary`.
         young, poisson, plane: E [force/area], nu [-], "strain" or "stress".
         quadrature: "matched" or "plain" weights.
+        weighted_volume: m where bonds are broken: "frozen", that of the whole family, or "updated", that of the bonds
+            which are left.
     """
 
     name = "ordinary"
@@ -153,14 +167,15 @@ class LinearPeridynamicSolid(Ordinary):
     class Keys(Elastic):
         quadrature: Quadrature = "matched"
         kinematics: Kinematics = "nonlinear"
+        weighted_volume: WeightedVolume = "frozen"
 
     def __init__(
         self, part: Neighbourhood, young: float, poisson: float, plane: str = "strain", quadrature: str = "matched",
-        kinematics: str = "nonlinear",
+        kinematics: str = "nonlinear", weighted_volume: str = "frozen",
     ):  # fmt: skip
         moduli = Moduli.of(young, poisson, plane, part.dim)
         weight, families = part.weight, part.families
-        self._quadrature = quadrature
+        self._quadrature, self._weighted_volume = quadrature, weighted_volume
         if quadrature == "matched":
             weight, matched = matched_weights(families, part.position, part.volume, weight)
             self.unmatched = int((~matched).sum())
@@ -171,10 +186,16 @@ class LinearPeridynamicSolid(Ordinary):
 
     @classmethod
     def from_case(cls, keys, part):
-        return cls(part, keys.E, keys.nu, keys.plane, keys.quadrature, keys.kinematics)
+        return cls(part, keys.E, keys.nu, keys.plane, keys.quadrature, keys.kinematics, keys.weighted_volume)
+
+    def _keep(self, intact):
+        super()._keep(intact)
+        if self._weighted_volume == "updated":
+            n = self._part.dim
+            scaled_to(self._part, self._data.k, 2, n * (n + 2) * self.shear)
 
     def choices(self):
-        return super().choices() | {"quadrature": self._quadrature}
+        return super().choices() | {"quadrature": self._quadrature, "weighted_volume": self._weighted_volume}
 
 
 class ABD(Ordinary):

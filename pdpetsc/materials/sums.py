@@ -23,7 +23,7 @@ def weighted_moments(D, X, center, offsets, neighbours, weight, volume, vectors,
 
 @njit(cache=True, **FAST)
 def scale_to(D, X, center, offsets, neighbours, values, power, total):
-    """Scale the bonds' values of each family in place to sum values |xi|^power = total (of each family)."""
+    """Scale the bonds' values of each family in place to sum values |xi|^power = total (of each family); zeros stay."""
     for f in range(len(center)):
         i, sum = center[f], 0.0
         for b in range(offsets[f], offsets[f + 1]):
@@ -32,7 +32,8 @@ def scale_to(D, X, center, offsets, neighbours, values, power, total):
                 square += (X[neighbours[b], p] - X[i, p]) ** 2
             sum += values[b] * square ** (0.5 * power)
         for b in range(offsets[f], offsets[f + 1]):
-            values[b] *= total[f] / sum
+            if values[b] != 0.0:
+                values[b] *= total[f] / sum
 
 
 @njit(cache=True, **FAST)
