@@ -47,9 +47,10 @@ class Assembler:
         self.constrained = np.zeros(shape, bool)
         for constraint in self._constraints:
             self.constrained[constraint.entries] = True
+        self.supported = self.constrained.copy()
+        """Where displacements are prescribed by loads."""
         self._free = np.ones((particles.local, particles.dim))
-        self._free[: particles.owned] = ~self.constrained
-        particles.exchange.forward(self._free)
+        self._set_free()
         self.prescribed = np.zeros(shape)
         self._external = np.zeros(shape)
         self.constraint_scale = self._typical_diagonal()
@@ -82,6 +83,17 @@ class Assembler:
             (m.modulus * p.volume[m.families.center] / p.spacing[m.families.center] ** 2).sum() for m in self.materials
         )
         return self.mpi.allreduce(float(total)) / p.count
+
+    def _set_free(self) -> None:
+        self._free[: self.particles.owned] = ~self.constrained
+        self.particles.exchange.forward(self._free)
+
+    def hold(self, particles: np.ndarray, u: np.ndarray) -> None:
+        """Keep the owned particles of a mask at displacements u, besides what loads prescribe, and no others
+        (collective)."""
+        self.constrained = self.supported | particles[:, None]
+        self.prescribed[particles] = np.where(self.supported, self.prescribed, u)[particles]
+        self._set_free()
 
     def set_time(self, time: float) -> None:
         """Prescribed values and external forces at a time (collective)."""
@@ -155,6 +167,11 @@ class Assembler:
             for material in self.materials:
                 getattr(material, method)(field, result, material.interior // 2, material.interior)
         return result[: p.owned]
+
+    def stored_energy(self, u: np.ndarray) -> float:
+        """Of the body at owned displacements (collective)."""
+        local = self.localise(u)
+        return self.mpi.allreduce(float(sum(material.energy(local).sum() for material in self.materials)))
 
     def unbalanced_force(self, u: np.ndarray) -> np.ndarray:
         """dW/du - f_ext before the constraints; on constrained entries this is the reaction of the support."""

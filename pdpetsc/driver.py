@@ -12,7 +12,7 @@ from pdpetsc.case import Case
 from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import CHECKPOINT, read_description, read_state
+from pdpetsc.io.checkpoint import CHECKPOINT, read_broken, read_description, read_state
 from pdpetsc.io.plot import plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import Checkpoint, FieldOutput, History, ProgressTable
@@ -57,9 +57,7 @@ def restart(directory: Path, quiet: bool = False) -> int:
         rows = kept.pop("rows")
         case = Case.from_document(**kept)
     simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
-    simulation.state = read_state(directory, simulation.particles)
-    simulation.assembler.set_time(simulation.state.time)
-    simulation.rows = rows
+    simulation.go_on_from(read_state(directory, simulation.particles), rows, read_broken(directory))
     if simulation.schedule.finished(simulation.state.time):
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)
@@ -138,12 +136,12 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     simulation.observers = [
         ProgressTable(comm, quiet),
         History(out),
-        FieldOutput(out, case.output.every, case.output.written),
+        FieldOutput(out, case.output.every, case.written),
         Checkpoint(out, case.output.checkpoint),
     ]
     status, failure = "converged", None
     try:
-        simulation.solve()
+        status = simulation.solve()
     except ConvergenceError as error:
         status, failure = "not_converged", error
     except InputError as error:

@@ -61,3 +61,11 @@ def bond_weights(
             )
         weight[bonds] = w
     return weight
+
+
+def influence_moment(influence: Influence, power: int) -> float:
+    """Integral of w(r) r^power from 0 to 1, by Gauss's rule on 64 intervals."""
+    x, w = np.polynomial.legendre.leggauss(8)
+    edges = np.arange(64) / 64
+    r = (edges[:, None] + (x + 1) / 128).ravel()
+    return float(np.sum(influence(r) * r**power * np.tile(w / 128, 64)))

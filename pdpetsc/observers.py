@@ -34,6 +34,7 @@ class ProgressTable(Observer):
         ("time", "{time:10.4g}"),
         ("newton", "{newton_iterations:7d}"),
         ("linear", "{linear_iterations:7d}"),
+        ("passes", "{passes:8d}"),
         ("residual", "{relative_residual:10.2e}"),
         ("broken", "{broken_bonds:8d}"),
         ("seconds", "{seconds:9.3f}"),
@@ -131,4 +132,4 @@ class Checkpoint(Observer):
 
     def _write(self, run):
         with run.timings("output"):
-            write_checkpoint(self._directory, run.particles, run.state, run.description)
+            write_checkpoint(self._directory, run.particles, run.state, run.description, run.broken)

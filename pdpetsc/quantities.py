@@ -43,6 +43,7 @@ QUANTITIES = {
     "von_mises": Quantity(0, "von Mises stress", PRESSURE),
     "principal": Quantity(1, "largest principal stress", PRESSURE, components=PRINCIPAL),
     "dilatation": Quantity(0, "dilatation J - 1"),
+    "damage": Quantity(0, "damage", cheap=False),
     "peridynamic_stress": Quantity(
         2, "von Mises peridynamic stress", PRESSURE, invariants=("von_mises", *PRINCIPAL), cheap=False
     ),

@@ -15,11 +15,14 @@ class Recovery:
     Args:
         assembler: of the body, with the loads of the state's time.
         u: (owned, dim) displacement.
+        reached: (owned,) volume within the horizon of each particle, of the whole body as it was without any crack;
+            None: of the bonds that there were at first.
     """
 
-    def __init__(self, assembler: Assembler, u: np.ndarray):
+    def __init__(self, assembler: Assembler, u: np.ndarray, reached: np.ndarray | None = None):
         self._assembler = assembler
         self.u = u
+        self._reached = reached
 
     def field(self, name: str) -> np.ndarray:
         """(owned, ...) values of a field of FIELDS; collective."""
@@ -98,6 +101,18 @@ class Recovery:
         """Stored energy of each family [energy]."""
         return self._of_families("energy", ())
 
+    @cached_property
+    def damage(self) -> np.ndarray:
+        """phi = 1 - sum mu V_j / sum V_j of each family, mu = 0 for cut and broken bonds (seed 004 Eq. 2.21)."""
+        p = self._assembler.particles
+        bonded, reached = np.zeros(p.owned), np.zeros(p.owned)
+        for material in self._assembler.materials:
+            families = material.families
+            volume = p.volume[families.neighbours]
+            reached[families.center] = families.sums(volume)
+            bonded[families.center] = families.sums(volume if material.intact is None else volume * material.intact)
+        return 1 - bonded / (reached if self._reached is None else self._reached)
+
     @property
     def energy_density(self) -> np.ndarray:
         """Stored energy per reference volume [energy/volume]."""
@@ -116,10 +131,6 @@ class Recovery:
     def reaction(self) -> np.ndarray:
         """Force that the support puts on each constrained component, zero elsewhere [force]."""
         return np.where(self._assembler.constrained, self._unbalanced, 0.0)
-
-    def total_energy(self) -> float:
-        """Stored energy of the body (collective)."""
-        return self._assembler.mpi.allreduce(float(self.family_energy.sum()))
 
     def balance(self) -> dict[str, float]:
         """Sums of external forces, reactions and their moments in the deformed state, relative to the sums of their
@@ -151,6 +162,7 @@ FIELDS: dict[str, Callable[[Recovery], np.ndarray]] = {
     "von_mises": lambda r: von_mises(r.stress),
     "principal": lambda r: principal(r.stress),
     "dilatation": lambda r: r.dilatation,
+    "damage": lambda r: r.damage,
     "peridynamic_stress": lambda r: r.peridynamic_stress,
 }
 """How the fields of `quantities` are computed."""

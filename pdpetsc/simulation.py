@@ -18,6 +18,7 @@ from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK, take_census
 from pdpetsc.errors import ConvergenceError, InputError, at
+from pdpetsc.fracture import Fracture, rules_of
 from pdpetsc.grading import warn_thin_zones
 from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.loads.building import loaded_surfaces, loads_of, tractions_of
@@ -28,7 +29,8 @@ from pdpetsc.particles import Particles, distribute
 from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
 from pdpetsc.solvers.linear import describe_linear_solver
-from pdpetsc.solvers.newton import Newton, NewtonRecord
+from pdpetsc.solvers.newton import Newton
+from pdpetsc.solvers.passes import Passes, StepRecord
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
 from pdpetsc.support import check_resistance, check_support
@@ -49,6 +51,7 @@ class Simulation:
     Attributes:
         case, comm: what is run, and PETSc's communicator.
         particles, families, materials, assembler, newton: the discrete problem; `cut_bonds` by each crack.
+        fracture: the bonds that may fail; None if none may.
         state: the last committed state.
         schedule: the load steps.
         probes: what is followed.
@@ -76,10 +79,12 @@ class Simulation:
         p = self.particles
         with self.timings("families"), collective(comm.tompi4py()):
             self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
+            reached = self.families.sums(p.volume[self.families.neighbours])
             cuts = cut_bonds(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
             self.families = self.families.without(cuts.any(axis=0))
             check_not_lonely(self.families, p.position, p.horizon)
             self.families, interior = self.families.interior_first(p.owned)
+        self._reached = reached
         self.cut_bonds = [comm.tompi4py().allreduce(int(cut.sum())) for cut in cuts]
         for number, bonds in enumerate(self.cut_bonds):
             if not bonds:
@@ -111,12 +116,33 @@ class Simulation:
         check_resistance(p, self.materials, self.assembler.constrained)
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
+        self.fracture = self._fracture(sets) if case.damage else None
         self.newton = Newton(self.assembler, blocks)
+        self.passes = Passes(self.newton, self.assembler, self.fracture, solver.overshoot)
+
+    def _fracture(self, sets: Sets) -> Fracture:
+        p, members = self.particles, np.zeros(self.particles.owned, int)
+        for number, material in enumerate(self.materials):
+            members[material.families.center] = number
+        rules = rules_of(self.case, p, self.materials, sets)
+        return Fracture(self.assembler, self.families, rules, self.case.solver.bonds_per_pass, members)
 
     @cached_property
     def recovery(self) -> Recovery:
         """Fields of the committed state."""
-        return Recovery(self.assembler, self.state.u)
+        return Recovery(self.assembler, self.state.u, self._reached)
+
+    @property
+    def broken(self) -> np.ndarray:
+        """(n, 3) ids of the ends and load step of this rank's bonds that have failed."""
+        return self.fracture.broken() if self.fracture else np.empty((0, 3), np.int64)
+
+    def go_on_from(self, state: State, rows: list[dict], broken: np.ndarray) -> None:
+        """Continue an earlier run at its last state (collective)."""
+        self.state, self.rows = state, rows
+        self.assembler.set_time(state.time)
+        if self.fracture:
+            self.fracture.restore(broken, state.u)
 
     @property
     def description(self) -> dict:
@@ -125,8 +151,8 @@ class Simulation:
         origin = {"name": c.name, "variant": c.variant, "path": c.path, "overridden": c.overridden}
         return {"document": c.document, **origin, "rows": self.rows}
 
-    def solve(self) -> None:
-        """Run to the end of the schedule.
+    def solve(self) -> str:
+        """Run to the end of the schedule, "converged", or until the body has come apart, "separated".
 
         Raises:
             ConvergenceError: a step was not solved; the steps before it stay committed.
@@ -134,9 +160,9 @@ class Simulation:
         """
         for observer in self.observers:
             observer.start(self)
-        failure = None
+        status, failure = "not_converged", None
         try:
-            march(self.newton, self.state, self.schedule, self._commit, self._failed)
+            status = march(self.passes, self.state, self.schedule, self._commit, self._failed)
         except (ConvergenceError, InputError) as error:  # met by all ranks alike, so they can finish together
             failure = error
             if self.rows:
@@ -147,24 +173,36 @@ class Simulation:
             observer.finish(self)
         if failure:
             raise failure
+        return status
 
-    def _commit(self, state: State, record: NewtonRecord) -> None:
+    def _commit(self, state: State, record: StepRecord) -> None:
         self.__dict__.pop("recovery", None)
-        scale = record.residual_scale
+        self.state = state
+        last, iterations = record.passes[-1], [newton.newton_iterations for newton in record.passes]
+        scale = last.residual_scale
+        energies = {}
+        if self.fracture:
+            self.fracture.commit()
+            energies = {
+                "external_work": state.external_work, "stored_energy": record.stored, "dissipated": state.dissipated,
+                "held_particles": record.held,
+            }  # fmt: skip
         self.rows.append(
             {
                 "step": state.step,
                 "time": state.time,
                 "load_factor": state.time / self.schedule.end,
-                "newton_iterations": record.newton_iterations,
-                "linear_iterations": record.linear_iterations,
-                "residual_norms": record.residual_norms,
+                "newton_iterations": sum(iterations),
+                "linear_iterations": sum(newton.linear_iterations for newton in record.passes),
+                "residual_norms": last.residual_norms,
                 "residual_scale": scale,
-                "relative_residual": record.residual_norms[-1] / scale if scale else 0.0,
-                "rounding_floor": record.rounding_floor,
-                "broken_bonds": 0,
-                "passes": 1,
-                "seconds": record.seconds,
+                "relative_residual": last.residual_norms[-1] / scale if scale else 0.0,
+                "rounding_floor": last.rounding_floor,
+                "broken_bonds": record.broken,
+                "passes": len(iterations),
+                "most_newton_iterations": max(iterations),
+                "seconds": sum(newton.seconds for newton in record.passes),
+                **energies,
                 "probes": {probe.name: probe.read(self.recovery, state.time) for probe in self.probes},
             }
         )
@@ -189,7 +227,7 @@ class Simulation:
             "version": __version__,
             "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
             "status": status,
-            "converged": status == "converged",
+            "converged": status in ("converged", "separated"),
             "dim": p.dim,
             "particles": p.count,
             "spacing": case.body.spacing,
@@ -199,7 +237,7 @@ class Simulation:
             "choices": self._choices(),
             "steps": [{k: v for k, v in row.items() if k != "probes"} for row in self.rows],
             "probes": last["probes"],
-            "energies": {"stored": recovery.total_energy()},
+            "energies": self._energies(),
             "balance": recovery.balance(),
             "timings": {s: mpi.allreduce(self.timings.seconds[s], MPI.MAX) for s in stages},
             "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
@@ -208,6 +246,15 @@ class Simulation:
         summary["expect"] = expectations.check(summary, case.expect)
         summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
         return summary
+
+    def _energies(self) -> dict:
+        """Stored; and where bonds may fail what was done by loads and supports, what broken bonds have taken, and what
+        is missing between them."""
+        energies = {"stored": self.assembler.stored_energy(self.state.u)}
+        if self.fracture:
+            done, gone = self.state.external_work, self.state.dissipated
+            energies |= {"external_work": done, "dissipated": gone, "imbalance": done - gone - energies["stored"]}
+        return energies
 
     def _choices(self) -> dict:
         mpi, materials = self.comm.tompi4py(), {}

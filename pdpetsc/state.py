@@ -14,9 +14,13 @@ class State:
         time: the time it belongs to.
         step: number of committed load steps.
         step_size: size of the next load step that the stepping intends; 0: the nominal one.
+        external_work: of loads and supports so far, where bonds may fail [energy].
+        dissipated: what failed bonds have taken with them [energy].
     """
 
     u: np.ndarray
     time: float = 0.0
     step: int = 0
     step_size: float = 0.0
+    external_work: float = 0.0
+    dissipated: float = 0.0

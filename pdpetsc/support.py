@@ -16,10 +16,6 @@ SMALLEST_HOLD = 1e-12
 def check_support(particles: Particles, families: Families, constrained: np.ndarray) -> None:
     """Raise where a piece of the body can move rigidly (collective, on all ranks alike).
 
-    For every piece that bonds hold together, the rigid motions m_k (translations, rotations about its centre) are
-    looked at on its constrained entries c: the Gram matrix sum_c m_k(c) m_l(c) is singular if a combination of them
-    moves no constrained entry.
-
     Args:
         particles, families: of the whole body.
         constrained: (owned, dim) mask of prescribed displacements.
@@ -27,35 +23,64 @@ def check_support(particles: Particles, families: Families, constrained: np.ndar
     Raises:
         InputError: naming the piece and its free motion.
     """
-    mpi, n = particles.comm.tompi4py(), particles.owned
-    piece = pieces(particles, families)[:n]
-    heads = np.unique(np.concatenate(mpi.allgather(np.unique(piece))))
-    piece = np.searchsorted(heads, piece)
-    X = particles.position[:n]
-    sums = np.stack([np.bincount(piece, values, len(heads)) for values in (*X.T, np.ones(n))], axis=1)
-    sums = mpi.allreduce(sums)
-    centre = sums[:, :-1] / sums[:, -1:]
-    arms = X - centre[piece]
-    size = max(mpi.allreduce(float(np.abs(arms).max(initial=0.0)), MPI.MAX), 1e-300)
-    some = np.flatnonzero(constrained.any(axis=1))
-    modes, names = rigid_motions(arms[some] / size)
-    gram = np.zeros((len(heads), len(names), len(names)))
-    _add_products(piece[some], np.where(constrained[some, :, None], modes, 0.0), gram)
-    values, vectors = np.linalg.eigh(mpi.allreduce(gram))
-    loose = np.flatnonzero(values[:, 0] <= SMALLEST_HOLD * np.maximum(values[:, -1], 1.0))
-    if len(loose):
-        share = np.abs(vectors[loose[0], :, 0])
+    holds = _Holds(particles, pieces(particles, families)[: particles.owned], constrained)
+    if len(holds.loose):
+        share = np.abs(holds.motion)
         turns = np.flatnonzero(
             share[particles.dim :] > 1e-6
         )  # a rotation about any point contains one about the centre
-        motion = names[particles.dim + int(turns[0]) if len(turns) else int(share.argmax())]
-        where = ", ".join(f"{x:g}" for x in centre[loose[0]])
-        what = "the body" if len(heads) == 1 else f"a piece of {int(sums[loose[0], -1])} particles around ({where})"
+        motion = holds.names[particles.dim + int(turns[0]) if len(turns) else int(share.argmax())]
+        first, several = holds.loose[0], len(holds.counts) > 1
+        where = ", ".join(f"{x:g}" for x in holds.centre[first])
+        what = f"a piece of {int(holds.counts[first])} particles around ({where})" if several else "the body"
         raise InputError(
             f"load: {what} is not held: {motion} meets no prescribed displacement; hold it with [[load]] of kind "
             "displacement"
-            + ("" if len(heads) == 1 else ", remove the piece with body.keep, or move the crack that cuts it off")
+            + (", remove the piece with body.keep, or move the crack that cuts it off" if several else "")
         )
+
+
+def loose_pieces(particles: Particles, piece: np.ndarray, constrained: np.ndarray) -> np.ndarray:
+    """Mask of the owned particles in pieces that can move rigidly (collective).
+
+    Args:
+        particles: of the whole body.
+        piece: (owned,) which one each belongs to, as `pieces` says.
+        constrained: (owned, dim) mask of prescribed displacements.
+    """
+    holds = _Holds(particles, piece, constrained)
+    return np.isin(holds.number, holds.loose)
+
+
+class _Holds:
+    """What constraints leave to the pieces of a body.
+
+    For every piece that bonds hold together, the rigid motions m_k (translations, rotations about its centre) are
+    looked at on its constrained entries c: the Gram matrix sum_c m_k(c) m_l(c) is singular if a combination of them
+    moves no constrained entry.
+
+    Attributes:
+        number: (owned,) of each particle's piece; `counts`, `centre`: of the pieces.
+        loose: numbers of the pieces that can move; `motion`: of the first, in terms of the motions called `names`.
+    """
+
+    def __init__(self, particles: Particles, piece: np.ndarray, constrained: np.ndarray):
+        mpi, n = particles.comm.tompi4py(), particles.owned
+        heads = np.unique(np.concatenate(mpi.allgather(np.unique(piece))))
+        self.number = np.searchsorted(heads, piece)
+        X = particles.position[:n]
+        sums = np.stack([np.bincount(self.number, values, len(heads)) for values in (*X.T, np.ones(n))], axis=1)
+        sums = mpi.allreduce(sums)
+        self.counts, self.centre = sums[:, -1], sums[:, :-1] / sums[:, -1:]
+        arms = X - self.centre[self.number]
+        size = max(mpi.allreduce(float(np.abs(arms).max(initial=0.0)), MPI.MAX), 1e-300)
+        some = np.flatnonzero(constrained.any(axis=1))
+        modes, self.names = rigid_motions(arms[some] / size)
+        gram = np.zeros((len(heads), len(self.names), len(self.names)))
+        _add_products(self.number[some], np.where(constrained[some, :, None], modes, 0.0), gram)
+        values, vectors = np.linalg.eigh(mpi.allreduce(gram))
+        self.loose = np.flatnonzero(values[:, 0] <= SMALLEST_HOLD * np.maximum(values[:, -1], 1.0))
+        self.motion = vectors[self.loose[:1], :, 0].ravel()
 
 
 def check_resistance(particles: Particles, materials: list, constrained: np.ndarray) -> None:

@@ -1,6 +1,7 @@
 """Checkpoints: one HDF5 file from which a run goes on, on any number of ranks."""
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import h5py
@@ -12,17 +13,21 @@ from pdpetsc.particles import Particles
 from pdpetsc.state import State
 
 CHECKPOINT = "checkpoint.h5"
-FORMAT = 1
+FORMAT = 2
 
 
-def write_checkpoint(directory: Path, particles: Particles, state: State, description: dict) -> None:
+def write_checkpoint(
+    directory: Path, particles: Particles, state: State, description: dict, broken: np.ndarray
+) -> None:
     """Write the state and what is needed to go on; the file is whole or absent (new file, then rename; collective).
 
     Args:
         directory: existing result directory.
         description: plain data to keep with it: the case's document and the records of the steps so far.
+        broken: (n, 3) bonds of this rank that have failed, as `Fracture.broken` gives them.
     """
     p = particles
+    broken = gather_broken(p.comm.tompi4py(), broken)
     new = directory / (CHECKPOINT + ".new")
     # Metadata must be the same on all ranks, and wall-clock seconds are not.
     text = p.comm.tompi4py().bcast(np.frombuffer(json.dumps(description).encode(), np.uint8))
@@ -31,7 +36,10 @@ def write_checkpoint(directory: Path, particles: Particles, state: State, descri
         write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
         if file is not None:
             file.attrs["pdpetsc_checkpoint"] = FORMAT
-            file.attrs["state"] = json.dumps({"time": state.time, "step": state.step, "step_size": state.step_size})
+            kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name != "u"}
+            file.attrs["state"] = json.dumps(kept)
+            data = file.create_dataset("broken_bonds", broken.shape, broken.dtype)
+            data[...] = broken
             data = file.create_dataset("description", text.shape, text.dtype)
             data[...] = text
     if p.comm.rank == 0:
@@ -59,6 +67,18 @@ def read_description(directory: Path) -> dict:
         raise InputError(f"{path.parent}: is no directory; restart needs the result directory of a run") from None
     except (OSError, KeyError, ValueError) as error:
         raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
+
+
+def gather_broken(mpi, broken: np.ndarray) -> np.ndarray:
+    """The broken bonds of all ranks by step and ids, on every rank: as many as a crack has area."""
+    broken = np.concatenate(mpi.allgather(broken))
+    return broken[np.lexsort(broken.T[[1, 0, 2]])]
+
+
+def read_broken(directory: Path) -> np.ndarray:
+    """The broken bonds of a checkpoint, those of all ranks."""
+    with h5py.File(directory / CHECKPOINT, "r") as file:
+        return file["broken_bonds"][...]
 
 
 def read_state(directory: Path, particles: Particles) -> State:

@@ -128,6 +128,8 @@ class Material:
     """q of the forces w(r) r^q of bonds of length r delta in a state of equal stretch."""
     linear = False
     """Whether kinematics are those of small displacements: forces act at the reference positions."""
+    least_span = 0.01
+    """A particle whose intact bonds `span` the space less comes loose: its last bonds break."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
 
@@ -180,8 +182,8 @@ class Material:
 
     @property
     def span(self) -> np.ndarray:
-        """lambda_min(K)/lambda_min(K_whole) of each family's shape tensors, of its intact bonds and of all: 1 where it is
-        whole, 1/2 beside a straight crack, 0 where its bonds no longer span the space."""
+        """lambda_min(K)/lambda_min(K_whole) of each family's shape tensors, of its intact and of all bonds: 1 where it
+        is whole, 1/2 beside a straight crack, 0 where its bonds no longer span the space."""
         if self.intact is None:
             return np.ones(len(self.families))
         return np.linalg.eigvalsh(self._part.weighted_moments(self._X, self.intact))[:, 0] / self._whole_shape

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from pdpetsc.influence import Influence
+from pdpetsc.influence import influence_moment
 from pdpetsc.materials.base import Elastic, Neighbourhood, PoissonRatio, Quadrature
 from pdpetsc.materials.ordinary import SPHERE, Kinematics, Moduli, Ordinary, SurfaceCorrection, scaled_to
 from pdpetsc.materials.surface import direction_factors
@@ -111,11 +111,3 @@ class BondBased(Ordinary):
 def fixed_poisson(dim: int, plane: str) -> float | None:
     """Poisson's ratio of bond-based materials; None in 1D, where there is no lateral strain."""
     return None if dim == 1 else 1 / 3 if dim == 2 and plane == "stress" else 1 / 4
-
-
-def influence_moment(influence: Influence, power: int) -> float:
-    """Integral of w(r) r^power from 0 to 1, by Gauss's rule on 64 intervals."""
-    x, w = np.polynomial.legendre.leggauss(8)
-    edges = np.arange(64) / 64
-    r = (edges[:, None] + (x + 1) / 128).ravel()
-    return float(np.sum(influence(r) * r**power * np.tile(w / 128, 64)))

@@ -13,7 +13,9 @@ ends where these no longer span the space. With the smallest eigenvalue of K as 
 
 a family keeps the share b of its law and of its zero-energy control, and 1 - b of it is rods along its bonds, 1/2 r w
 e^2 with r = n^2 K'/tr(K_whole): what each bond would have in a bond-based solid. A straight crack beside a particle
-leaves it q = 1/2, so crack faces are b = 1; it is splinters between cracks that become rods.
+leaves it q = 1/2, so crack faces are b = 1; it is splinters between cracks that become rods, and come loose at q = 0.1.
+Without that, bonds across the load hold them like hinges: they turn, and a criterion that sees their stretch only never
+breaks them.
 """
 
 from typing import Literal
@@ -54,6 +56,7 @@ class Correspondence(Material):
     """
 
     name = "correspondence"
+    least_span = FADE[0]
 
     class Keys(Elastic):
         elasticity: Literal[*LAWS] = "hencky"

@@ -118,7 +118,9 @@ class Ordinary(Material):
         part, dim = self._part, self._part.dim
         shape = part.weighted_moments(part.position, self.intact)
         H = np.zeros((len(self.families), 3, 3))
-        H[:, :dim, :dim] = part.weighted_moments(u, self.intact) @ np.linalg.pinv(shape, rcond=SMALLEST_SHAPE, hermitian=True)
+        H[:, :dim, :dim] = part.weighted_moments(u, self.intact) @ np.linalg.pinv(
+            shape, rcond=SMALLEST_SHAPE, hermitian=True
+        )
         if self.plane == "stress":
             free = range(dim, 3)
             H[:, free, free] = self._lateral_strain(H[:, :dim, :dim])[:, None]

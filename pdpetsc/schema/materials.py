@@ -42,7 +42,7 @@ class AnyMaterial(Table):
     partial_volume: Literal["none", *PARTIAL_VOLUME] = "none"
 
 
-def _table(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table]:
+def table_of_keys(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table]:
     """A table of these keys, with their defaults and their check."""
 
     def check(self, info: ValidationInfo):
@@ -53,7 +53,7 @@ def _table(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table
     for key, hinted in get_type_hints(keys, include_extras=True).items():
         default = getattr(keys, key, ...)
         if isinstance(hinted, type) and issubclass(hinted, Keys):
-            hinted = _table(hinted, hinted.__name__, Table)
+            hinted = table_of_keys(hinted, hinted.__name__, Table)
             default = Field(default, validate_default=True)
         fields[key] = (hinted, default)
     validators = {"check": model_validator(mode="after")(check)}
@@ -64,7 +64,7 @@ def _table(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table
 
 def material_table(model: type[Material]) -> type[AnyMaterial]:
     """The table of a model."""
-    return _table(model.Keys, model.__name__, AnyMaterial, model=(Literal[model.name], ...))
+    return table_of_keys(model.Keys, model.__name__, AnyMaterial, model=(Literal[model.name], ...))
 
 
 TABLES = {name: material_table(model) for name, model in Material.models.items()}

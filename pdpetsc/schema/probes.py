@@ -95,7 +95,8 @@ SUMMARY = ("probes", "steps", "energies", "balance", "particles", "bonds", "timi
 """Entries of summary.json that hold numbers."""
 HISTORY = (
     "step", "time", "load_factor", "newton_iterations", "linear_iterations", "residual_scale", "relative_residual",
-    "rounding_floor", "broken_bonds", "passes", "seconds",
+    "rounding_floor", "broken_bonds", "passes", "most_newton_iterations", "seconds", "external_work", "stored_energy",
+    "dissipated", "held_particles",
 )  # fmt: skip
 """Columns of history.csv before the probes."""
 

@@ -13,7 +13,9 @@ from pydantic import (
 )
 
 from pdpetsc.bonds import HORIZON_TOLERANCE
+from pdpetsc.expressions import hint
 from pdpetsc.quantities import CHEAP, QUANTITIES
+from pdpetsc.schema.damage import DamageTable, Fraction
 from pdpetsc.schema.materials import MaterialTable
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.table import Table, error_at, exactly_one
@@ -219,6 +221,8 @@ class Solver(Table):
     adaptive: bool = True
     min_step: Positive | None = None
     max_step: Positive | None = None
+    bonds_per_pass: Fraction = 0.95
+    overshoot: Positive = 0.1
 
     @model_validator(mode="after")
     def _check(self):
@@ -235,10 +239,16 @@ class Output(Table):
     fields: Annotated[tuple[FieldName, ...], Strict(False)] = CHEAP
     picture: FieldName = "u"
 
-    @property
-    def written(self) -> tuple[str, ...]:
-        """The fields that are written: those that are asked for, and what the picture needs."""
-        return tuple(name for name in QUANTITIES if name in {*self.fields, "u", self.picture})
+
+def of_known_materials(damage: dict, info: ValidationInfo) -> dict:
+    """Tables of damage are called like the materials that they are for."""
+    materials = info.data.get("material", {})
+    for name in damage if materials else ():
+        if name not in materials:
+            raise error_at(
+                name, f"there is no material {name!r}{hint(name, materials)}; choices: {', '.join(materials)}"
+            )
+    return damage
 
 
 class Description(Table):
@@ -252,9 +262,16 @@ class Description(Table):
     sets: dict[Annotated[Name, AfterValidator(new_set)], ParticleSet] = {}
     surfaces: dict[Annotated[Name, AfterValidator(new_surface)], Surface] = {}
     material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
+    damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Solver = Solver()
     output: Output = Output()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
     petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """The fields that are written: those that are asked for, and what the picture and failing bonds need."""
+        chosen = {*self.output.fields, "u", self.output.picture, *(["damage"] if self.damage else [])}
+        return tuple(name for name in QUANTITIES if name in chosen)

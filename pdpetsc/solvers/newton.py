@@ -45,7 +45,15 @@ NOT_A_NUMBER = -4
 
 
 class StepFailed(Exception):
-    """A load step was not solved; its message says why. Raised on all ranks alike."""
+    """A load step was not solved; its message says why. Raised on all ranks alike.
+
+    Attributes:
+        share: of the step that should be tried instead.
+    """
+
+    def __init__(self, message: str, share: float = 0.5):
+        super().__init__(message)
+        self.share = share
 
 
 @dataclass

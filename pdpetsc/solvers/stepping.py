@@ -1,10 +1,11 @@
 """Load steps: fixed, or halved where Newton fails and grown back where it is easy."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pdpetsc.errors import ConvergenceError
-from pdpetsc.solvers.newton import Newton, NewtonRecord, StepFailed
+from pdpetsc.solvers.newton import StepFailed
+from pdpetsc.solvers.passes import Passes, StepRecord
 from pdpetsc.state import State
 
 EASY = 5
@@ -48,20 +49,23 @@ class Schedule:
 
 
 def march(
-    newton: Newton,
+    passes: Passes,
     state: State,
     schedule: Schedule,
-    commit: Callable[[State, NewtonRecord], None],
+    commit: Callable[[State, StepRecord], None],
     failed: Callable[[float, float, str], None],
-) -> None:
-    """Advance `state` to the end of the schedule, committing each converged step.
+) -> str:
+    """Advance to the end of the schedule, or until the body has come apart, committing each converged step.
 
     Args:
-        newton: solves one step.
-        state: changed in place when a step has converged, and only then.
+        passes: solves one step.
+        state: to begin with.
         schedule: the times.
-        commit: called after each committed step.
+        commit: called with each converged state.
         failed: called with (time reached, time tried, reason) when a step is cut.
+
+    Returns:
+        "converged", or "separated" where the body has come apart.
 
     Raises:
         ConvergenceError: a step failed and may not be cut further.
@@ -69,19 +73,23 @@ def march(
     while not schedule.finished(state.time):
         size = min(state.step_size or schedule.nominal, schedule.largest)
         target = schedule.target(state.time, size)
+        tried = target - state.time
+        cut = schedule.adaptive and tried / 2 >= schedule.smallest
         try:
-            u, record = newton.advance(state.u, target)
+            new, record = passes.advance(state, target, last=not cut)
         except StepFailed as failure:
-            size = (target - state.time) / 2
-            if not schedule.adaptive or size < schedule.smallest:
+            if not cut:
                 remedy = "a smaller min_step" if schedule.adaptive else "more steps or adaptive = true"
                 raise ConvergenceError(
                     f"load step {state.step + 1}, from t = {state.time:g} to {target:g}, did not converge: {failure}; "
                     f"{remedy} in [solver] may help"
                 ) from failure
             failed(state.time, target, str(failure))
-            state.step_size = size
+            state.step_size = max(tried * min(max(failure.share, 0.1), 0.9), schedule.smallest)
             continue
-        state.u, state.time, state.step = u, target, state.step + 1
-        state.step_size = 2 * size if schedule.adaptive and record.newton_iterations <= EASY else size
+        easy = schedule.adaptive and max(newton.newton_iterations for newton in record.passes) <= EASY
+        state = replace(new, step_size=2 * size if easy else size)
         commit(state, record)
+        if record.separated:
+            return "separated"
+    return "converged"

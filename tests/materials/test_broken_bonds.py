@@ -1,16 +1,7 @@
-"""The laws of every material model where bonds are broken: the tests of whole bodies, on bodies that have lost some."""
+"""The laws of every material model where bonds are broken: the tests of whole bodies, on some that have lost bonds."""
 
 import numpy as np
 import pytest
-from models import (
-    MODELS,
-    NAMES,
-    Sample,
-    deformation,
-    dimensions_of_the_model,  # noqa: F401  used by itself
-    force,
-    sample,
-)
 from materials.test_models import (  # noqa: F401  collected from here
     test_action_is_derivative_of_force,
     test_force_is_gradient_of_energy,
@@ -21,6 +12,15 @@ from materials.test_models import (  # noqa: F401  collected from here
     test_rounding_scale,
     test_rows_are_the_action_and_symmetric,
     test_units_of_length_do_not_matter,
+)
+from models import (
+    MODELS,
+    NAMES,
+    Sample,
+    deformation,
+    dimensions_of_the_model,  # noqa: F401  used by itself
+    force,
+    sample,
 )
 
 from pdpetsc.materials.ordinary import LinearPeridynamicSolid

@@ -7,9 +7,9 @@ import pytest
 from models import Sample, deformation, force, lattice, rotation, sample, strong_gradient, tangent
 
 from pdpetsc.bonds import find_families
-from pdpetsc.influence import INFLUENCE, bond_weights
+from pdpetsc.influence import INFLUENCE, bond_weights, influence_moment
 from pdpetsc.materials.base import Neighbourhood
-from pdpetsc.materials.bond_based import BondBased, fixed_poisson, influence_moment
+from pdpetsc.materials.bond_based import BondBased, fixed_poisson
 from pdpetsc.materials.elasticity import lame_constants
 from pdpetsc.materials.ordinary import ABD, LinearPeridynamicSolid
 

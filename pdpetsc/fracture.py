@@ -1,0 +1,251 @@
+"""Bonds that fail: which ones, in what order, and what is left of the body.
+
+Bonds break between converged solves only, and then the same load is solved again (solvers/passes.py). Both directions
+of a pair break when the first one reaches its critical value, unless a material's are `independent` (seed 002 section
+3.1). Of those beyond it, the worst go first: what they carried changes the state of all others.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from pdpetsc.assembly import Assembler
+from pdpetsc.body.sets import Sets
+from pdpetsc.bonds import Families
+from pdpetsc.damage.base import Criterion
+from pdpetsc.errors import at
+from pdpetsc.opposite import Opposite
+from pdpetsc.particles import Particles
+from pdpetsc.support import loose_pieces, pieces
+
+TIE = 1e-6
+"""Ratios that differ by less, relative to the worst, are the same: rounding and the solver's tolerance, which depend on
+the number of ranks, do not decide which of two symmetric bonds goes."""
+
+WHOLE = 0.01
+"""Share of the body's volume from which a piece that is held or loaded is no splinter."""
+
+
+@dataclass
+class Rule:
+    """How the bonds of one material fail.
+
+    Attributes:
+        criterion: d/d_c of each bond.
+        exempt: mask of the owned and ghost particles whose bonds never fail.
+        independent: whether the two directions of a pair fail each by itself.
+    """
+
+    criterion: Criterion
+    exempt: np.ndarray
+    independent: bool = False
+
+
+@dataclass
+class Broken:
+    """Bonds of this rank's families that have failed, in any order.
+
+    Attributes:
+        bonds: their numbers among all families.
+        step: the load step in which each did.
+    """
+
+    bonds: np.ndarray
+    step: np.ndarray
+
+
+class Fracture:
+    """The bonds of a body and their failure.
+
+    Args:
+        assembler: of the body; its materials are told which bonds are left.
+        families: of the whole body, of which the materials have theirs.
+        rules: one for each material, None where bonds do not fail.
+        fraction: of the worst ratio; bonds beyond it fail in the same pass. 1: the worst alone, 0: all critical ones.
+        material_of: (owned,) number of each particle's material.
+    """
+
+    def __init__(
+        self, assembler: Assembler, families: Families, rules: list[Rule | None], fraction: float,
+        material_of: np.ndarray,
+    ):  # fmt: skip
+        p = assembler.particles
+        self._assembler, self.families, self._rules, self._fraction = assembler, families, rules, fraction
+        self._opposite = Opposite(p, families)
+        self.intact = np.ones(families.bonds, bool)
+        self.step = np.zeros(families.bonds, np.int32)
+        """In which each bond failed."""
+        of_bond = families.per_bond(material_of)
+        self._bonds = [np.flatnonzero(of_bond == m) for m in range(len(rules))]
+        self._exempt = np.zeros(families.bonds, bool)
+        for rule in rules:
+            if rule is not None:
+                self._exempt |= rule.exempt[families.neighbours] | families.per_bond(rule.exempt)
+        self._kept = self.intact.copy()  # as they were committed
+        self._total = self._mpi.allreduce(float(p.volume[: p.owned].sum()))
+        self._bodies: int | None = None
+        self.separated = False
+        self.held = np.zeros(p.owned, bool)
+        """Splinters that nothing else holds."""
+
+    @property
+    def _mpi(self):
+        return self._assembler.mpi
+
+    @property
+    def count(self) -> int:
+        """Directed bonds that have failed, on all ranks."""
+        return self._mpi.allreduce(int((~self.intact).sum()))
+
+    # What the solver does -----------------------------------------------------------------------------------------
+
+    def ratios(self, u: np.ndarray) -> np.ndarray:
+        """d/d_c of each bond at owned displacements, the larger of both directions; 0 where it cannot fail."""
+        local = self._assembler.localise(u)
+        tensors = {}
+        for rule in self._rules:
+            if rule is not None and rule.criterion.field not in (None, *tensors):
+                tensors[rule.criterion.field] = self._tensor(rule.criterion.field, local)
+        ratio, shared = np.zeros(self.families.bonds), np.zeros(self.families.bonds)
+        for rule, bonds in zip(self._rules, self._bonds):
+            if rule is None:
+                continue
+
+            def opposite(values, bonds=bonds):
+                padded = np.zeros(self.families.bonds)
+                padded[bonds] = values
+                return self._opposite(padded)[bonds]
+
+            ratio[bonds] = rule.criterion.ratio(local, tensors.get(rule.criterion.field), opposite)
+            if not rule.independent:
+                shared[bonds] = ratio[bonds]
+        ratio = np.maximum(ratio, self._opposite(shared))
+        ratio[self._exempt | ~self.intact] = 0.0
+        return ratio
+
+    def _tensor(self, method: str, local: np.ndarray) -> np.ndarray:
+        """What each material gives for its families, at all local particles."""
+        tensor = np.zeros((len(local), 3, 3))
+        for material in self._assembler.materials:
+            tensor[material.families.center] = getattr(material, method)(local)
+        return self._assembler.particles.exchange.forward(tensor)
+
+    def worst(self, ratio: np.ndarray) -> float:
+        """The largest of all ranks."""
+        return self._mpi.allreduce(float(ratio.max(initial=0.0)), MPI.MAX)
+
+    def fail(self, u: np.ndarray, ratio: np.ndarray, step: int) -> int:
+        """Break what is critical at owned displacements, the worst first, and what comes loose with it; the number of
+        directed bonds on all ranks.
+
+        Args:
+            ratio: of each bond, by `ratios`.
+            step: the load step that is being solved.
+        """
+        worst = self.worst(ratio)
+        if worst < 1 - TIE:
+            return 0
+        failed = ratio >= max(1.0, self._fraction * worst) * (1 - TIE)
+        before = self.count
+        self._break(failed, step)
+        self._drop_loose_particles(step)
+        self._look_at_pieces(u)
+        return self.count - before
+
+    def _break(self, failed: np.ndarray, step: int) -> None:
+        self.step[failed & self.intact] = step
+        self.intact = self.intact & ~failed
+        self._tell()
+
+    def _tell(self) -> None:
+        """The materials which bonds are left."""
+        for material, bonds in zip(self._assembler.materials, self._bonds):
+            material.set_bonds(self.intact if len(bonds) == len(self.intact) else self.intact[bonds])
+
+    def _drop_loose_particles(self, step: int) -> None:
+        """Break the bonds of particles that too few of them hold, until there are none."""
+        p = self._assembler.particles
+        while True:
+            loose = np.zeros(p.local)
+            for material in self._assembler.materials:
+                loose[material.families.center] = material.span < material.least_span
+            loose = p.exchange.forward(loose) > 0
+            failed = (loose[self.families.neighbours] | self.families.per_bond(loose)) & self.intact & ~self._exempt
+            if not self._mpi.allreduce(int(failed.sum())):
+                return
+            self._break(failed, step)
+
+    def _look_at_pieces(self, u: np.ndarray) -> None:
+        """Hold what nothing holds any more, and see whether the body has come apart: whether there are more pieces than
+        at first that carry loads or supports and are no splinters."""
+        a, p = self._assembler, self._assembler.particles
+        piece = pieces(p, self.families.without(~self.intact))[: p.owned]
+        if self._bodies is None:
+            self._bodies = self._carriers(pieces(p, self.families)[: p.owned], u)
+        self.separated = self._carriers(piece, u) > self._bodies
+        self.held = loose_pieces(p, piece, a.supported)
+        a.hold(self.held, u)
+
+    def _carriers(self, piece: np.ndarray, u: np.ndarray) -> int:
+        a, p = self._assembler, self._assembler.particles
+        carries = a.supported.any(axis=1) | (a.external_force(u) != 0).any(axis=1)
+        heads = np.unique(np.concatenate(self._mpi.allgather(np.unique(piece[carries]))))
+        number = np.searchsorted(heads, piece)
+        inside = (number < len(heads)) & (heads[np.minimum(number, len(heads) - 1)] == piece) if len(heads) else carries
+        volume = np.bincount(number[inside], p.volume[: p.owned][inside], len(heads))
+        return int((self._mpi.allreduce(volume) >= WHOLE * self._total).sum())
+
+    def commit(self) -> None:
+        """Keep what has failed."""
+        self._kept = self.intact.copy()
+
+    def roll_back(self, u: np.ndarray) -> None:
+        """Take back what has failed since the last commit; `u` is the state of that time."""
+        if self._mpi.allreduce(int((self._kept != self.intact).sum())):
+            self.intact = self._kept.copy()
+            self._tell()
+            self._look_at_pieces(u)
+
+    # What is kept and shown ---------------------------------------------------------------------------------------
+
+    def broken(self) -> np.ndarray:
+        """(n, 3) ids of i and j and the load step of each directed bond i -> j of this rank that has failed."""
+        p, bonds = self._assembler.particles, np.flatnonzero(~self.intact)
+        i = p.id[self.families.per_bond(np.arange(p.local))[bonds]]
+        return np.stack([i, p.id[self.families.neighbours[bonds]], self.step[bonds]], axis=1).astype(np.int64)
+
+    def restore(self, broken: np.ndarray, u: np.ndarray) -> None:
+        """Break the bonds of a list (n, 3) that has those of all ranks, as `broken` gives it (collective)."""
+        p = self._assembler.particles
+        mine = broken[np.isin(broken[:, 0], p.id[: p.owned])]
+        center = self.families.per_bond(np.arange(p.local))
+        pairs = p.id[center].astype(np.int64) * p.count + p.id[self.families.neighbours]
+        order = np.argsort(pairs)
+        place = order[np.searchsorted(pairs[order], mine[:, 0] * p.count + mine[:, 1])]
+        self.intact[place] = False
+        self.step[place] = mine[:, 2]
+        self._tell()
+        self._look_at_pieces(u)
+        self.commit()
+
+
+def rules_of(case, particles: Particles, materials: list, sets: Sets) -> list[Rule | None]:
+    """The rules of a case's `[damage.NAME]` tables, one for each material (collective).
+
+    Raises:
+        InputError: a criterion is not defined for its material, or an exempt set is empty.
+    """
+    rules = []
+    for name, material in zip(case.material, materials):
+        keys = case.damage.get(name)
+        if keys is None:
+            rules.append(None)
+            continue
+        with at(f"damage.{name}"):
+            criterion = Criterion.criteria[keys.criterion].from_case(keys, material)
+            exempt = np.zeros(particles.local)
+            for set_name in keys.exempt:
+                exempt[: particles.owned] += sets[set_name]
+            rules.append(Rule(criterion, particles.exchange.forward(exempt) > 0, keys.independent))
+    return rules
