@@ -37,6 +37,10 @@ worth: to 0.9 (|r_k|/|r_k-1|)^2 (Eisenstat and Walker 1996, choice 2), but no fu
 SMALLEST_ERROR = 1e-2
 """Of the predictor, in spacings, where displacements are prescribed: whatever the jump, families are not inverted."""
 
+CONTRACTION = 0.1
+"""Fall of the residual from which a tangent that is not quite that of the state is kept: a factorisation costs as much
+as 20 to 30 solutions."""
+
 WORSE = 1.5
 """A preconditioner with which a linear solution takes this many times the iterations is made anew."""
 
@@ -120,12 +124,14 @@ class Newton:
         self.snes.destroy()
         self.tangent.destroy()
 
-    def advance(self, u: np.ndarray, time: float) -> tuple[np.ndarray, NewtonRecord]:
+    def advance(self, u: np.ndarray, time: float, near: bool = False) -> tuple[np.ndarray, NewtonRecord]:
         """Equilibrium at `time` from that of the last step.
 
         Args:
             u: (owned, dim) displacements of the last step.
             time: where the loads are taken.
+            near: whether the new equilibrium is so near that the tangent at u serves as long as residuals fall by
+                `CONTRACTION` with it.
 
         Raises:
             StepFailed: with SNES's or KSP's reason.
@@ -133,6 +139,7 @@ class Newton:
         start, seconds = clock.perf_counter(), self._assembler.timings.seconds
         elsewhere = sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
         self._record = record = NewtonRecord()
+        self._near = near
         self._assembler.set_time(time)
         self._predict(u)
         self.snes.solve(None, self._x)
@@ -174,9 +181,10 @@ class Newton:
 
     def _linearise(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """SNES Jacobian, and how exactly it is to be solved."""
-        a = self._assembler
+        a, history = self._assembler, self._record.residual_norms
         u = x.getArray(readonly=True).reshape(-1, a.dim)
-        self.tangent.update(np.where(a.constrained, a.prescribed, u))
+        if not self._near or (len(history) > 1 and history[-1] > CONTRACTION * history[-2]):
+            self.tangent.update(np.where(a.constrained, a.prescribed, u))
         if J not in (P, self.tangent.operator):
             J.assemble()  # with -snes_mf_operator, differences of the residual
         norm, (rtol, *_) = snes.getFunctionNorm(), snes.getTolerances()

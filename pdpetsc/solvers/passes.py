@@ -71,7 +71,7 @@ class Passes:
         fracture, new = self._fracture, replace(state, step=state.step + 1)
         while True:
             before = self._forces(new.u, first=not record.passes)
-            u, newton = self._newton.advance(new.u, time)
+            u, newton = self._newton.advance(new.u, time, near=bool(record.passes))
             record.passes.append(newton)
             self._account(new, before, u)
             new.u, new.time = u, time

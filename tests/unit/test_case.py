@@ -133,7 +133,7 @@ def test_components(plate, component, axes):
 
 def test_output_is_what_is_asked_for_and_what_the_picture_needs(plate):
     assert "peridynamic_stress" not in plate().written and "von_mises" in plate().written
-    chosen = plate(overrides=['output.fields=["stress"]', "output.picture=peridynamic_stress"]).output
+    chosen = plate(overrides=['output.fields=["stress"]', "output.picture=peridynamic_stress"])
     assert chosen.written == ("u", "stress", "peridynamic_stress")
 
 
