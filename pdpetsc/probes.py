@@ -1,9 +1,10 @@
-"""Probes: numbers that are followed at a point, along a line or over a set of particles."""
+"""Probes: numbers that are followed at a point, along a line, over a set of particles, a section or around a crack."""
 
 import numpy as np
 from mpi4py import MPI
 
 from pdpetsc.body.box import coordinates
+from pdpetsc.j_integral import JIntegral
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.quantities import component
@@ -74,7 +75,7 @@ class Probe:
         members: mask of the owned particles of the probe's set, or None.
 
     Raises:
-        InputError: a section outside the body (collective).
+        InputError: a section or the ring of a J-integral outside the body (collective).
     """
 
     def __init__(self, spec, particles: Particles, members: np.ndarray | None):
@@ -82,8 +83,10 @@ class Probe:
         self._spec = spec
         self._particles = particles
         self._members = members
-        self._interpolation = self._section = None
-        if spec.section is not None:
+        self._interpolation = self._section = self._integral = None
+        if spec.field == "J":
+            self._integral = JIntegral(spec.name, spec, particles)
+        elif spec.section is not None:
             self._section = Section(spec.name, spec.section, particles)
         elif members is None:
             self.points = np.array([spec.at]) if spec.at is not None else _line(*spec.line)
@@ -96,6 +99,8 @@ class Probe:
 
     def read(self, recovery: Recovery, time: float) -> float | list:
         """A number, or nested lists for lines and for fields without a component (collective)."""
+        if self._integral is not None:
+            return self._integral.read(recovery)
         if self._section is not None:
             values = getattr(self._section, self._spec.field)(recovery)[None]
             return (values if self._spec.component is None else component(values, self._spec.component))[0].tolist()

@@ -41,14 +41,14 @@ class Recovery:
         return out
 
     @cached_property
-    def _displacement_gradient(self) -> np.ndarray:
+    def displacement_gradient(self) -> np.ndarray:
         """H of each family, (owned, 3, 3)."""
         return self._of_families("displacement_gradient", (3, 3))
 
     @property
     def deformation_gradient(self) -> np.ndarray:
         """F = I + H, (owned, 3, 3)."""
-        return np.eye(3) + self._displacement_gradient
+        return np.eye(3) + self.displacement_gradient
 
     @cached_property
     def stress(self) -> np.ndarray:
@@ -56,9 +56,20 @@ class Recovery:
         return self._of_families("cauchy_stress", (3, 3))
 
     @cached_property
+    def first_piola(self) -> np.ndarray:
+        """First Piola-Kirchhoff stress P = J sigma F^-T of each family, with linear kinematics sigma, (owned, 3, 3)
+        [force/area]; J F^-T are the cofactors of F, which every F has."""
+        F = self.deformation_gradient
+        for material in self._assembler.materials:
+            if material.linear:
+                F[material.families.center] = np.eye(3)
+        cofactor = np.stack([np.cross(F[:, k - 2], F[:, k - 1]) for k in range(3)], axis=1)
+        return self.stress @ cofactor
+
+    @cached_property
     def dilatation(self) -> np.ndarray:
         """J - 1 = tr H + (tr^2 H - tr H^2)/2 + det H, (owned,); no digits of small strains are lost."""
-        H = self._displacement_gradient
+        H = self.displacement_gradient
         trace = np.trace(H, axis1=1, axis2=2)
         return trace + (trace**2 - np.einsum("npq,nqp->n", H, H)) / 2 + np.linalg.det(H)
 
@@ -91,7 +102,7 @@ class Recovery:
     @cached_property
     def strain(self) -> np.ndarray:
         """Logarithmic strain 1/2 ln(F F^T), (owned, 3, 3)."""
-        H = self._displacement_gradient
+        H = self.displacement_gradient
         T = H.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(H + T + H @ T)
         return np.einsum("npa,na,nqa->npq", vectors, 0.5 * np.log1p(values), vectors)

@@ -31,7 +31,7 @@ LAYERS = (
     ("assembly",),
     ("compact",),
     ("solvers", "recover", "adapt"),
-    ("probes", "sections", "expectations", "observers", "io"),
+    ("probes", "sections", "j_integral", "expectations", "observers", "io"),
     ("schema", "case", "census", "prediction", "simulation", "driver", "cli", "__main__"),
 )
 LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}

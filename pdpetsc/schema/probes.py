@@ -11,11 +11,12 @@ from pydantic import (
 
 from pdpetsc.expressions import hint
 from pdpetsc.quantities import QUANTITIES, components
-from pdpetsc.schema.table import Table, exactly_one
+from pdpetsc.schema.table import Table, error_at, exactly_one
 from pdpetsc.schema.values import (
     Condition,
     Name,
     Normal,
+    Positive,
     SetName,
     Vector,
     formula,
@@ -32,13 +33,17 @@ class Section(Table):
 
 RESULTANTS = ("force", "moment")
 """What is read on a section."""
+OF_A_CRACK = ("tip", "direction", "front", "radii")
+"""Keys of a J-integral; the front in 3D only."""
+SQUARE = 1e-6
+"""Cosine of an angle that is a right one."""
 
 
 class Probe(Table):
-    """A number, or a few, that is followed at a point, along a line, over a set or a section."""
+    """A number, or a few, that is followed at a point, along a line, over a set or a section, or around a crack."""
 
     name: Name
-    field: Literal[*QUANTITIES, "moment"]
+    field: Literal[*QUANTITIES, "moment", "J"]
     component: str | None = None
     at: Vector | None = None
     line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2)]], Strict(False)] | None = None
@@ -46,9 +51,17 @@ class Probe(Table):
     section: Section | None = None
     reduce: Literal["sum", "mean", "min", "max", "error"] | None = None
     exact: formula("t") | None = None
+    tip: Vector | None = None
+    direction: Normal | None = None
+    front: Normal | None = None
+    radii: Annotated[tuple[Positive, Positive], Strict(False)] | None = None
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo):
+        if self.field == "J":
+            return self._around_a_crack(info.context.dim)
+        if wrong := [key for key in OF_A_CRACK if getattr(self, key) is not None]:
+            raise error_at(wrong[0], "is that of a crack: it goes with field = 'J'")
         exactly_one(self, "at", "line", "set", "section")
         if self.section is None and self.field == "moment":
             raise ValueError("field moment is that of a section: give section = { at = ..., normal = ... }")
@@ -67,6 +80,26 @@ class Probe(Table):
         if self.reduce == "error" and names and self.component is None:
             raise ValueError("reduce = 'error' needs a component")
         return self
+
+    def _around_a_crack(self, dim: int):
+        if dim == 1:
+            raise ValueError("a body of one dimension has no J-integral: its cracks have no tip")
+        wanted = OF_A_CRACK if dim == 3 else tuple(key for key in OF_A_CRACK if key != "front")
+        if missing := [key for key in wanted if getattr(self, key) is None]:
+            raise error_at(missing[0], f"is missing: field = 'J' needs {', '.join(wanted)} in {dim}D")
+        if wrong := [key for key in sorted(self.model_fields_set) if key not in ("name", "field", *wanted)]:
+            raise error_at(wrong[0], f"does not go with field = 'J' in {dim}D, which takes {', '.join(wanted)}")
+        if self.radii[0] >= self.radii[1]:
+            raise error_at("radii", f"the second must be the larger one, not {list(self.radii)}")
+        if dim == 3 and abs(sum(a * b for a, b in zip(self.direction, self.front))) > SQUARE:
+            raise error_at("direction", "must be at right angles to front")
+        return self
+
+    def is_number(self, dim: int) -> bool:
+        """Whether a single number is read, not a list."""
+        if self.field == "J":
+            return True
+        return self.line is None and (self.component is not None or not self._components(dim))
 
     def _components(self, dim: int) -> tuple[str, ...]:
         if self.field == "moment":  # a vector in 3D, about the normal of the plane in 2D
