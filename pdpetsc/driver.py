@@ -13,7 +13,7 @@ from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
 from pdpetsc.io.checkpoint import CHECKPOINT, read_broken, read_description, read_state
-from pdpetsc.io.plot import plot_result
+from pdpetsc.io.plot import plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import Checkpoint, FieldOutput, History, ProgressTable
 from pdpetsc.parallel import collective, say, warn
@@ -153,7 +153,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     if comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)
         if simulation.rows:
-            _plot(comm, out, summary, case.output.picture)
+            _plot(comm, out, summary, simulation.rows, case.output)
     comm.tompi4py().Barrier()
     if not quiet:
         _report(comm, summary, out)
@@ -164,12 +164,14 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     return 0 if case.overridden or all(e["met"] for e in summary["expect"]) else 4
 
 
-def _plot(comm, out: Path, summary: dict, field: str) -> None:
-    """The picture; a run is not lost for want of it."""
+def _plot(comm, out: Path, summary: dict, rows: list[dict], output) -> None:
+    """The pictures; a run is not lost for want of them."""
     try:
-        plot_result(out, summary, field)
+        plot_result(out, summary, output.picture)
+        if output.curve:
+            plot_curve(out, summary["title"] or summary["case"], rows, output.curve.x, output.curve.y)
     except Exception as error:
-        warn(comm, f"no picture was made: {error}")
+        warn(comm, f"a picture was not made: {error}")
 
 
 def _remove(comm, out: Path) -> None:

@@ -1,4 +1,4 @@
-"""The picture of a result: the deformed body coloured by a field."""
+"""The pictures of a result: the deformed body coloured by a field, and one probe over another."""
 
 from pathlib import Path
 
@@ -67,6 +67,24 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
     title = f"{summary['title'] or summary['case']}\nt = {time:g}{enlarged}"
     axes.set_title(title, fontsize="medium", parse_math=False)
     figure.savefig(directory / "result.png", dpi=150)
+
+
+def plot_curve(directory: Path, title: str, rows: list[dict], x: str, y: str) -> None:
+    """Write curve.png: probe y over probe x, a marker for each committed step.
+
+    Args:
+        rows: one for each step, with the `probes` by their names.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(*([row["probes"][name] for row in rows] for name in (x, y)), marker="o", markersize=4)
+    axes.grid(alpha=0.3)
+    axes.set_xlabel(x, parse_math=False)
+    axes.set_ylabel(y, parse_math=False)
+    axes.set_title(title, fontsize="medium", parse_math=False)
+    figure.savefig(directory / "curve.png", dpi=150)
 
 
 def colour_values(field: str, values: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ def write_case(directory: Path, document: dict, command: str) -> None:
 
 
 FILES = {
-    "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png",
+    "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png", "curve.png",
     "checkpoint.h5", "checkpoint.h5.new",
 }  # fmt: skip
 """All that a run leaves in its result directory."""

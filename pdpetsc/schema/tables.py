@@ -231,6 +231,13 @@ class Solver(Table):
         return self
 
 
+class Curve(Table):
+    """A picture of one probe over another."""
+
+    x: Name
+    y: Name
+
+
 class Output(Table):
     """What is written, each so many load steps."""
 
@@ -238,6 +245,7 @@ class Output(Table):
     checkpoint: Count = 1
     fields: Annotated[tuple[FieldName, ...], Strict(False)] = CHEAP
     picture: FieldName = "u"
+    curve: Curve | None = None
 
 
 def of_known_materials(damage: dict, info: ValidationInfo) -> dict:
@@ -249,6 +257,24 @@ def of_known_materials(damage: dict, info: ValidationInfo) -> dict:
                 name, f"there is no material {name!r}{hint(name, materials)}; choices: {', '.join(materials)}"
             )
     return damage
+
+
+def of_numbers(output: Output, info: ValidationInfo) -> Output:
+    """Check that the curve is one of probes that are single numbers."""
+    if output.curve is None or not {"body", "probe"} <= info.data.keys():
+        return output
+    probes = {probe.name: probe for probe in info.data["probe"]}
+    for axis in ("x", "y"):
+        name = getattr(output.curve, axis)
+        if name not in probes:
+            choices = f"choices: {', '.join(probes) or 'none'}"
+            raise ValueError(f"curve.{axis}: there is no probe {name!r}{hint(name, probes)}; {choices}")
+        if not probes[name].is_number(info.data["body"].dim):
+            raise ValueError(
+                f"curve.{axis}: the probe {name!r} has many values, a curve needs a single number: no line, and a "
+                "component of vectors and tensors"
+            )
+    return output
 
 
 class Description(Table):
@@ -265,8 +291,8 @@ class Description(Table):
     damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Solver = Solver()
-    output: Output = Output()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
+    output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
     petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}
 

@@ -146,6 +146,54 @@ def test_sections(plate):
     assert probe.section.where.place == "plate.toml: probe.0.section.where"
 
 
+CRACK = 'name = "J"\nfield = "J"\ntip = [0.02, 0.02]\ndirection = [3, -4]\nradii = [0.004, 0.01]'
+WHOLE_PROBE = 'name = "tip"\nfield = "u"\ncomponent = "x"\nat = [0.15, 0.025]'
+
+
+def test_j_integrals(plate):
+    probe = plate((WHOLE_PROBE, CRACK), ('"probes.tip"', '"probes.J"')).probe[0]
+    assert (probe.tip, probe.direction, probe.radii) == ((0.02, 0.02), (0.6, -0.8), (0.004, 0.01))
+    assert probe.is_number(2)
+
+
+@pytest.mark.parametrize(
+    ("size", "keys", "reason"),
+    [
+        ([1], "tip = [0.5]\ndirection = 'x'", "probe.0: a body of one dimension has no J-integral: its cracks have no"),
+        ([1, 1, 1], "tip = [0, 0, 0]\ndirection = 'x'", "probe.0.front: is missing: field = 'J' needs tip, direction,"),
+        ([1, 1, 1], "tip = [0, 0, 0]\ndirection = 'x'\nfront = [1, 0, 1]", "probe.0.direction: must be at right angle"),
+        ([1, 1, 1], "tip = [0, 0, 0]\ndirection = 'x'\nfront = [0, 0, 0]", "probe.0.front: must be one of x, y, z,"),
+        ([1, 1, 1], "tip = [0, 0, 0]\ndirection = 'x'\nfront = 'z'", None),
+    ],
+)
+def test_j_integrals_in_all_dimensions(tmp_path, size, keys, reason):
+    path = tmp_path / "crack.toml"
+    path.write_text(
+        f"body = {{ size = {size}, spacing = 0.1, horizon = 2 }}\n"
+        'material.m = { model = "correspondence", E = 1, nu = 0 }\n'
+        f'[[probe]]\nname = "J"\nfield = "J"\nradii = [0.1, 0.2]\n{keys}'
+    )
+    if reason is None:
+        assert case.load(str(path)).probe[0].front == (0.0, 0.0, 1.0)
+    else:
+        assert message_of(case.load, str(path)).startswith(f"{path}: {reason}")
+
+
+def test_a_curve_is_one_of_two_numbers(plate):
+    support = '[[probe]]\nname = "load"\nfield = "reaction"\ncomponent = "x"\nset = "left"\nreduce = "sum"\n'
+    output = '[output]\ncurve = {{ x = "{}", y = "load" }}\n{}[petsc]'
+    curve = plate(("[petsc]", output.format("tip", support))).output.curve
+    assert (curve.x, curve.y) == ("tip", "load")
+    for name, reason in (
+        ("axis", "the probe 'axis' has many values, a curve needs a single number: no line, and a component of"),
+        ("tap", "there is no probe 'tap' (did you mean 'tip'?); choices: tip, axis, load"),
+    ):
+        message = message_of(plate, ("[petsc]", output.format(name, support)))
+        assert message.startswith(f"plate.toml: output: curve.x: {reason}"), message
+    message = message_of(plate, ("[petsc]", output.format("tip", support)), ('component = "x"\nset', "set"))
+    assert "curve.y: the probe 'load' has many values" in message
+
+
 def test_a_line_has_no_moment(tmp_path):
     path = tmp_path / "rod.toml"
     path.write_text(
@@ -386,6 +434,15 @@ MISTAKES = [
     ('field = "u"', 'field = "principal"', "probe.0: field principal has no component 'x'; choices: 1, 2, 3"),
     ('component = "xy"', 'component = "4"', "probe.1: field stress has no component '4'; choices: xx, xy, xz, yx,"),
     ('field = "u"', 'field = "moments"', "probe.0.field: must be 'u', 'F', 'stress',"),
+    (WHOLE_PROBE, CRACK.replace("0.01]", "0.004]"), "probe.0.radii: the second must be the larger one, not [0.004, 0."),
+    (WHOLE_PROBE, CRACK.replace("0.004,", "0,"), "probe.0.radii.0: must be greater than 0, not 0"),
+    (WHOLE_PROBE, CRACK.replace("[3, -4]", "[0, 0.0]"), "probe.0.direction: must be one of x, y, one of them with"),
+    (WHOLE_PROBE, CRACK.replace("direction = [3, -4]", ""), "probe.0.direction: is missing: field = 'J' needs tip,"),
+    (WHOLE_PROBE, CRACK + "\nfront = [0, 1]", "probe.0.front: does not go with field = 'J' in 2D, which takes tip,"),
+    (WHOLE_PROBE, CRACK + '\ncomponent = "x"', "probe.0.component: does not go with field = 'J' in 2D, which takes"),
+    (WHOLE_PROBE, CRACK.replace("0.02, 0.02]", "0.02]"), "probe.0.tip: needs 2 number(s)"),
+    ("at = [0.15, 0.025]", "at = [0, 0]\nradii = [1, 2]", "probe.0.radii: is that of a crack: it goes with"),
+    ("[petsc]", "[output]\ncurve = { x = 'tip' }\n[petsc]", "output.curve.y: is missing"),
     ("[petsc]", "[output]\nfields = ['v']\n[petsc]", "output.fields.0: must be 'u', 'F', 'stress',"),
     ("[petsc]", "[output]\nfields = 'u'\n[petsc]", "output.fields: must be a list, not 'u'"),
     ('field = "u"', 'field = "energy"', "probe.0: field energy has no component 'x'; it is a scalar"),

@@ -6,9 +6,10 @@ import json
 import h5py
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from pdpetsc.io import tables
-from pdpetsc.io.plot import cell_sides, colour_values, free_faces, plot_result
+from pdpetsc.io.plot import cell_sides, colour_values, free_faces, plot_curve, plot_result
 from pdpetsc.quantities import QUANTITIES, component, components
 from pdpetsc.recover import FIELDS
 
@@ -165,3 +166,23 @@ def test_pictures(tmp_path, dim, field):
     plot_result(tmp_path, summary, field)
     picture = (tmp_path / "result.png").read_bytes()
     assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 5000
+
+
+def test_a_curve_has_a_marker_for_each_step(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(Axes, "plot", lambda axes, *values, **style: drawn.append((axes, values, style)))
+    rows = [{"probes": {"a $ opening": 1e-6 * k, "load": (3.0 - k) * k, "line": [1.0, 2.0]}} for k in range(4)]
+    plot_curve(tmp_path, "A crack at 5 $", rows, "a $ opening", "load")
+    ((axes, (x, y), style),) = drawn
+    assert x == [0.0, 1e-6, 2e-6, 3e-6] and y == [0.0, 2.0, 2.0, 0.0] and style["marker"] == "o"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("a $ opening", "load")
+
+
+def test_the_picture_of_a_curve(tmp_path):
+    rows = [{"probes": {"opening": 1e-6 * k, "load": np.sin(k)}} for k in range(1, 4)]
+    (tmp_path / "case.toml").write_text(tables.MARK)
+    for steps in (rows, rows[:1]):
+        plot_curve(tmp_path, "A crack", steps, "opening", "load")
+        picture = (tmp_path / "curve.png").read_bytes()
+        assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 5000
+    assert tables.is_result(tmp_path)
