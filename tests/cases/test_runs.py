@@ -331,7 +331,9 @@ def test_load_without_a_value_in_the_middle(comm, run):
 
 
 def test_results(comm, run):
-    result = run(changed(CANTILEVER, solver__steps=5, output={"every": 2, "checkpoint": 3, "picture": "stress"}))
+    probes = [*CANTILEVER["probe"], CANTILEVER["probe"][0] | {"name": "sag", "component": "y"}]
+    output = {"every": 2, "checkpoint": 3, "picture": "stress", "curve": {"x": "sag", "y": "pull"}}
+    result = run(changed(CANTILEVER, solver__steps=5, output=output, probe=probes))
     assert result.code == 0
     s = result.summary
     assert s["converged"] and s["status"] == "converged" and s["dim"] == 2 and s["ranks"] == comm.size
@@ -346,7 +348,8 @@ def test_results(comm, run):
         assert [name for name in file if name.isdigit()] == ["00002", "00004", "00005"]
     with h5py.File(result.out / "checkpoint.h5", "r") as file:
         assert json.loads(file.attrs["state"])["step"] == 5
-    assert (result.out / "result.png").read_bytes()[:4] == b"\x89PNG"
+    for picture in ("result.png", "curve.png"):
+        assert (result.out / picture).read_bytes()[:4] == b"\x89PNG"
     assert is_result(result.out)
     assert s["probes"]["pull"] == pytest.approx(2e-3, rel=1e-9)
     assert s["balance"]["force"] < 1e-13 and s["balance"]["moment"] < 1e-13

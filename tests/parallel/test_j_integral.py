@@ -89,6 +89,30 @@ def test_sound_body_has_none():
     assert abs(found) < 1e-3 * YOUNG * 0.2**2 * 8.0
 
 
+@pytest.mark.parametrize(
+    "material",
+    [{"model": "correspondence", "elasticity": "neo_hookean"}, {"model": "ordinary"}, {"kinematics": "linear"}],
+)
+def test_first_piola_is_the_slope_of_the_energy(material):
+    """P = dW/dF of a uniform strain, large for linear kinematics too."""
+    document = cracked(2)
+    document["material"]["m"] |= material
+    simulation = built(document)
+    X = simulation.particles.position[: simulation.particles.owned]
+    F, h = np.array([[1.1, 0.3], [-0.2, 0.8]]), 1e-6
+
+    def at(F):
+        simulation.state.u = X @ (F - np.eye(2)).T
+        simulation.__dict__.pop("recovery", None)
+        return simulation.recovery
+
+    P = at(F).first_piola
+    for i, k in np.ndindex(2, 2):
+        step = h * np.outer(np.eye(2)[i], np.eye(2)[k])
+        slope = (at(F + step).energy_density - at(F - step).energy_density) / (2 * h)
+        assert P[:, i, k] == pytest.approx(slope, abs=1e-7)
+
+
 @pytest.mark.parametrize("radii", [(5.0, 11.0), (12.0, 20.0)])
 def test_the_ring_must_be_in_the_body(radii):
     with pytest.raises(InputError, match=r"crack.toml: probe: the ring of the J-integral 'J', .* is not in the body"):
