@@ -1,5 +1,6 @@
 """Observers: what is shown and written, and when. Each is told of the start, of every committed step and of the end."""
 
+import time as clock
 from pathlib import Path
 
 from rich.console import Console
@@ -8,6 +9,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from pdpetsc.io.checkpoint import write_checkpoint
 from pdpetsc.io.fields import FieldWriter
 from pdpetsc.io.tables import write_history
+
+SILENCE = 5.0
+"""Seconds after which a load step in which bonds fail is heard of."""
 
 
 class Observer:
@@ -18,6 +22,9 @@ class Observer:
 
     def step(self, run) -> None:
         """After a step was committed; its row is `run.rows[-1]`."""
+
+    def passed(self, run, record) -> None:
+        """After a pass in which bonds failed; `record` is that of the step so far."""
 
     def failed(self, run, reached: float, tried: float, reason: str) -> None:
         """After a step was cut."""
@@ -57,13 +64,19 @@ class ProgressTable(Observer):
         widths = [len(template.format_map(_Sample())) for _, template in self.COLUMNS]
         self._console.print("".join(f"{name:>{width}}" for (name, _), width in zip(self.COLUMNS, widths)))
         self._progress.start()
+        self._spoken = clock.monotonic()
         self._task = self._progress.add_task("", total=run.schedule.end, completed=run.state.time, time=run.state.time)
 
     def step(self, run):
-        row = run.rows[-1]
+        row, self._spoken = run.rows[-1], clock.monotonic()
         remark = "  (residual at the rounding floor)" if row["rounding_floor"] else ""
         self._progress.console.print("".join(t.format_map(row) for _, t in self.COLUMNS) + remark)
         self._progress.update(self._task, completed=row["time"], time=row["time"])
+
+    def passed(self, run, record):
+        if clock.monotonic() > self._spoken + SILENCE:
+            self._spoken = clock.monotonic()
+            self._progress.console.print(f"      pass {len(record.passes)}: {record.broken} bonds broken")
 
     def failed(self, run, reached, tried, reason):
         self._progress.console.print(f"      step to t = {tried:g} cut in half: {reason}")

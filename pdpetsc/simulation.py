@@ -118,7 +118,7 @@ class Simulation:
             self.assembler.set_time(time)
         self.fracture = self._fracture(sets) if case.damage else None
         self.newton = Newton(self.assembler, blocks)
-        self.passes = Passes(self.newton, self.assembler, self.fracture, solver.overshoot)
+        self.passes = Passes(self.newton, self.assembler, self.fracture, solver.overshoot, self._passed)
 
     def _fracture(self, sets: Sets) -> Fracture:
         p, members = self.particles, np.zeros(self.particles.owned, int)
@@ -208,6 +208,10 @@ class Simulation:
         )
         for observer in self.observers:
             observer.step(self)
+
+    def _passed(self, record: StepRecord) -> None:
+        for observer in self.observers:
+            observer.passed(self, record)
 
     def _failed(self, reached: float, tried: float, reason: str) -> None:
         for observer in self.observers:

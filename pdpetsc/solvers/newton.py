@@ -116,6 +116,7 @@ class Newton:
         _alive.add(self)
         self._record = NewtonRecord()
         self._cost = np.inf  # least iterations for a decade of the linear residual with the present preconditioner
+        self._unbalanced = 0.0  # norm of the forces out of balance at the start of a step
         self._before = 0.0  # norm of the right-hand side of the last linear solution
 
     def destroy(self) -> None:
@@ -146,7 +147,7 @@ class Newton:
         reason = self.snes.getConvergedReason()
         record.linear_iterations += self.snes.getLinearSolveIterations()
         record.newton_iterations = 1 + self.snes.getIterationNumber()
-        record.residual_scale = self._assembler.residual_scale()
+        record.residual_scale = self._scale()
         if not record.residual_norms:  # a convergence test of the user's choice, or none
             record.residual_norms.append(self.snes.getFunctionNorm())
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._at_rounding_floor(self._x):
@@ -165,7 +166,7 @@ class Newton:
         self.tangent.update(u)
         rhs = -(a.unbalanced_force(u) + a.action(jump))
         self._rhs.getArray()[...] = np.where(a.constrained, 0.0, rhs).ravel()
-        self._before = self._rhs.norm()
+        self._before = self._unbalanced = self._rhs.norm()
         self._rhs.getArray()[...] += np.where(a.constrained, a.constraint_scale * jump, 0.0).ravel()
         ksp = self.snes.getKSP()
         ksp.setOperators(self.tangent.operator, self.tangent.preconditioner)
@@ -190,8 +191,13 @@ class Newton:
         norm, (rtol, *_) = snes.getFunctionNorm(), snes.getTolerances()
         if norm > 0.0:
             forcing = 0.9 * (norm / self._before) ** 2 if self._before else LARGEST_FORCING
-            self._aim(max(forcing, 0.3 * rtol * a.residual_scale() / norm))
+            self._aim(max(forcing, 0.3 * rtol * self._scale() / norm))
         self._before = norm
+
+    def _scale(self) -> float:
+        """What residuals are compared with: loads and reactions, and the forces that were out of balance where the new
+        equilibrium is near; a body that has just come apart carries nothing."""
+        return max(self._assembler.residual_scale(), self._unbalanced if self._near else 0.0)
 
     def _aim(self, reduction: float) -> None:
         """Ask the Krylov method for this reduction of the linear residual, unless the user has."""
@@ -223,7 +229,7 @@ class Newton:
             return NOT_A_NUMBER
         if norm <= atol or norm == 0.0:
             return reasons.CONVERGED_FNORM_ABS
-        if norm <= rtol * self._assembler.residual_scale():
+        if norm <= rtol * self._scale():
             return reasons.CONVERGED_FNORM_RELATIVE
         if iteration and step < stol * size:
             return reasons.CONVERGED_SNORM_RELATIVE

@@ -1,5 +1,6 @@
 """A load step of a body whose bonds may fail: equilibrium, what fails, the same load again, until nothing does."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,10 +41,15 @@ class Passes:
         newton: solves one load.
         fracture: the bonds; None: they do not fail.
         overshoot: by how much the worst bond may pass its critical value before the increment is cut.
+        passed: called with the record of the step so far after each pass in which bonds failed.
     """
 
-    def __init__(self, newton: Newton, assembler: Assembler, fracture: Fracture | None, overshoot: float):
+    def __init__(
+        self, newton: Newton, assembler: Assembler, fracture: Fracture | None, overshoot: float,
+        passed: Callable[[StepRecord], None],
+    ):  # fmt: skip
         self._newton, self._assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
+        self._passed = passed
         self._worst = 0.0  # ratio at the last committed state
 
     def advance(self, state: State, time: float, last: bool) -> tuple[State, StepRecord]:
@@ -84,6 +90,8 @@ class Passes:
             if fracture.separated or not fracture.fail(u, ratio, new.step):
                 break
             new.dissipated += stored - self._assembler.stored_energy(u)
+            record.broken = fracture.count
+            self._passed(record)
         self._worst = worst
         record.stored, record.separated, record.broken = stored, fracture.separated, fracture.count
         record.held = self._assembler.mpi.allreduce(int(fracture.held.sum()))
