@@ -100,7 +100,8 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
     follower = any(follows(load, materials) for load in case.load)
     symmetric = all(material.symmetric for material in materials) and not follower
     small = census.blocks * dim**2 <= DIRECT_LIMIT[dim]
-    solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks) | given for k in KINDS}
+    definite = case.solver.control == "load"
+    solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks, definite) | given for k in KINDS}
     without = tuple(name for name, spec in case.material.items() if spec.density is None)
     return Prediction(
         dim, census.particles, census.exact, census.bonds, census.most, census.blocks, census.compact, ranks,

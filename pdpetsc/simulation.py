@@ -10,27 +10,24 @@ from petsc4py import PETSc
 
 from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
-from pdpetsc.body.box import box, horizon_field
 from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
-from pdpetsc.body.surfaces import on_surface
-from pdpetsc.bonds import Families, check_not_lonely, find_families
+from pdpetsc.bonds import check_not_lonely, find_families
+from pdpetsc.building import distributed_particles, expected_blocks, materials_of
 from pdpetsc.case import Case
-from pdpetsc.census import QUICK, take_census
-from pdpetsc.errors import ConvergenceError, InputError, at
+from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.fracture import Fracture, rules_of
 from pdpetsc.grading import warn_thin_zones
-from pdpetsc.influence import bond_weights, influence_function
-from pdpetsc.loads.building import loaded_surfaces, loads_of, tractions_of
-from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.loads.building import loads_of, tractions_of
 from pdpetsc.observers import Observer
 from pdpetsc.parallel import collective, warn
-from pdpetsc.particles import Particles, distribute
 from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
+from pdpetsc.solvers.constraints import ArcLength, Constraint, Failure
 from pdpetsc.solvers.linear import describe_linear_solver
 from pdpetsc.solvers.newton import Newton
 from pdpetsc.solvers.passes import Passes, StepRecord
+from pdpetsc.solvers.path import follow, limit_points
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
 from pdpetsc.support import check_resistance, check_support
@@ -64,7 +61,7 @@ class Simulation:
         self._started = clock.perf_counter()
         self.case, self.comm = case, comm
         try:
-            self._build(case, comm, _expected_blocks(case) if blocks is None else blocks)
+            self._build(case, comm, expected_blocks(case) if blocks is None else blocks)
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(case.path) else f"{case.path}: {message}") from None
@@ -75,7 +72,7 @@ class Simulation:
     def _build(self, case: Case, comm: PETSc.Comm, blocks: float) -> None:
         self.timings = Timings()
         with self.timings("setup"):
-            self.particles = _particles(comm, case)
+            self.particles = distributed_particles(comm, case)
         p = self.particles
         with self.timings("families"), collective(comm.tompi4py()):
             self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
@@ -96,7 +93,7 @@ class Simulation:
                 {name: s.where for name, s in case.sets.items() if s.where},
                 {name: s.nearest for name, s in case.sets.items() if s.nearest},
             )
-            self.materials = _materials(case, p, self.families, interior, sets)
+            self.materials = materials_of(case, p, self.families, interior, sets)
             self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
             loads, tractions = loads_of(case, p, sets), tractions_of(case, p, self.materials)
             self.assembler = Assembler(p, self.materials, loads, self.timings, tractions)
@@ -110,15 +107,21 @@ class Simulation:
         nominal = solver.end_time / solver.steps
         self.schedule = Schedule(
             solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
-            solver.max_step or nominal,
+            solver.max_step or nominal, solver.max_steps,
         )  # fmt: skip
         check_support(p, self.families, self.assembler.constrained)
         check_resistance(p, self.materials, self.assembler.constrained)
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
         self.fracture = self._fracture(sets) if case.damage else None
-        self.newton = Newton(self.assembler, blocks)
+        self.newton = Newton(self.assembler, blocks, definite=solver.control == "load")
         self.passes = Passes(self.newton, self.assembler, self.fracture, solver.overshoot, self._passed)
+
+    def _constraint(self, state: State, arc_length: float) -> Constraint:
+        """What bounds a step along a path."""
+        if self.case.solver.control == "failure":
+            return Failure(self.assembler, self.fracture)
+        return ArcLength(self.assembler, state, arc_length)
 
     def _fracture(self, sets: Sets) -> Fracture:
         p, members = self.particles, np.zeros(self.particles.owned, int)
@@ -162,7 +165,10 @@ class Simulation:
             observer.start(self)
         status, failure = "not_converged", None
         try:
-            status = march(self.passes, self.state, self.schedule, self._commit, self._failed)
+            if self.case.solver.control == "load":
+                status = march(self.passes, self.state, self.schedule, self._commit, self._failed)
+            else:
+                status = follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
         except (ConvergenceError, InputError) as error:  # met by all ranks alike, so they can finish together
             failure = error
             if self.rows:
@@ -180,6 +186,7 @@ class Simulation:
         self.state = state
         last, iterations = record.passes[-1], [newton.newton_iterations for newton in record.passes]
         scale = last.residual_scale
+        along = {} if self.case.solver.control == "load" else {"arc_length": record.arc_length}
         energies = {}
         if self.fracture:
             self.fracture.commit()
@@ -192,6 +199,7 @@ class Simulation:
                 "step": state.step,
                 "time": state.time,
                 "load_factor": state.time / self.schedule.end,
+                **along,
                 "newton_iterations": sum(iterations),
                 "linear_iterations": sum(newton.linear_iterations for newton in record.passes),
                 "residual_norms": last.residual_norms,
@@ -247,6 +255,9 @@ class Simulation:
             "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
             "units": case.units.model_dump(),
         }
+        if case.solver.control != "load":
+            times, lengths = ([row[key] for row in self.rows] for key in ("time", "arc_length"))
+            summary["limit_points"] = limit_points(times, lengths)
         summary["expect"] = expectations.check(summary, case.expect)
         summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
         return summary
@@ -278,68 +289,7 @@ class Simulation:
             "cracks": len(self.case.body.cracks),
             "cut_bonds": self.cut_bonds,
             "solver": f"newton ({self.newton.snes.getType()})",
+            "control": self.case.solver.control,
             "preconditioner": describe_linear_solver(self.newton.snes.getKSP()),
             "tangent": self.newton.tangent.kind,
         }
-
-
-def _particles(comm: PETSc.Comm, case: Case) -> Particles:
-    """The distributed particles, with those facets on which a traction acts."""
-    body, mpi = case.body, comm.tompi4py()
-    horizon = horizon_field(body, case.material, case.sets)
-    loaded = loaded_surfaces(case)
-    points = box(mpi, body, body.keep, horizon, bool(loaded))
-    if loaded:
-        facets = points.facets
-        with collective(mpi):
-            spacing = points.spacing[np.searchsorted(points.id, facets.parent)]
-            chosen = [on_surface(facets, spacing, name, case.surfaces) for name in sorted(loaded)]
-        points.facets = facets.chosen(np.any(chosen, axis=0))
-    return distribute(comm, points, body.horizon_tolerance)
-
-
-def _expected_blocks(case: Case) -> float:
-    """Of the assembled tangent, counted without looking at the ranks; where a quick look finds no particle, too many
-    to be assembled."""
-    try:
-        return take_census(case, QUICK).blocks
-    except InputError:
-        return float("inf")
-
-
-def _materials(case: Case, p: Particles, families: Families, interior: int, sets: Sets) -> list[Material]:
-    """The materials of the case on their particles; every particle has exactly one. The first `interior` families
-    contain no ghost."""
-    count = np.zeros(p.owned, int)
-    materials = []
-    for name, spec in case.material.items():
-        if unused := [key for key in case.document["material"][name] if key not in type(spec).model_fields]:
-            warn(p.comm.tompi4py(), f"material.{name}: the model {spec.model!r} does not use {', '.join(unused)}")
-        members = sets[spec.where]
-        count += members
-        chosen = np.flatnonzero(members[families.center])
-        own = families.subset(chosen)
-        influence = influence_function(spec.influence)
-        with collective(p.comm.tompi4py()), at(f"material.{name}"):
-            weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
-        part = Neighbourhood(
-            own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence,
-            int(np.searchsorted(chosen, interior)), p.exchange.forward,
-        )  # fmt: skip
-        with collective(p.comm.tompi4py()), at(f"material.{name}"):
-            # Those that communicate raise on all ranks alike (`Neighbourhood.forward`).
-            materials.append(Material.models[spec.model].from_case(spec, part))
-    mpi = p.comm.tompi4py()
-    for name, material in zip(case.material, materials):
-        unmatched, families = mpi.allreduce(np.array([material.unmatched, len(material.families)]))
-        if unmatched > families / 2:
-            counts = f"weights of {unmatched} of {families} families could not be matched"
-            remedy = "take a larger horizon or another influence function"
-            warn(mpi, f"material.{name}: {counts}, so that its moduli are not right; {remedy}")
-    wrong = mpi.allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))
-    if wrong.any():
-        raise InputError(
-            f"material: {wrong[0]} particles have no material and {wrong[1]} have more than one; "
-            "the sets in `where` must cover the body once"
-        )
-    return materials

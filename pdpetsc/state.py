@@ -16,6 +16,8 @@ class State:
         step_size: size of the next load step that the stepping intends; 0: the nominal one.
         external_work: of loads and supports so far, where bonds may fail [energy].
         dissipated: what failed bonds have taken with them [energy].
+        speed: where a path is followed, length of arc for a unit of step size [length/time]; 0 before its first step.
+        increment: (owned, dim) change of the displacement over the last step along a path, which says where it goes on.
     """
 
     u: np.ndarray
@@ -24,3 +26,5 @@ class State:
     step_size: float = 0.0
     external_work: float = 0.0
     dissipated: float = 0.0
+    speed: float = 0.0
+    increment: np.ndarray | None = None

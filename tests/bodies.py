@@ -17,6 +17,25 @@ from pdpetsc.materials.base import Neighbourhood
 from pdpetsc.particles import Particles, Points, distribute
 from pdpetsc.timings import Timings
 
+ARCH = {  # four rows of particles; the force acts on one of them
+    "body": {
+        "size": [30.0, 5.0], "spacing": 0.5, "horizon": 1.515, "layers": {"left": "horizon", "right": "horizon"},
+        "keep": "abs(Y - 1 - 2.8 * sin(pi * X / 30)**2) < 1.01",
+    },
+    "sets": {"clamps": "X < 0 or X > 30", "crown": {"nearest": [14.75, 4.75]}},
+    "material": {"strip": {"model": "ordinary", "E": 1e4, "nu": 0.25}},
+    "load": [
+        {"kind": "displacement", "set": "clamps", "component": "all", "value": 0.0},
+        {"kind": "force", "set": "crown", "component": "y", "value": "-200 * t"},
+    ],
+    "solver": {"control": "arc_length", "steps": 10},
+    "probe": [
+        {"name": "crown", "field": "u", "component": "y", "set": "crown", "reduce": "mean"},
+        {"name": "support", "field": "reaction", "component": "y", "set": "crown", "reduce": "sum"},
+    ],
+}  # fmt: skip
+"""A case: a shallow arch that snaps through."""
+
 
 def distributed(X: np.ndarray, horizon, volume=None, spacing=1.0, seed: int = 0) -> Particles:
     """Particles from arrays that every rank has; each brings some of them, in any order."""
@@ -88,7 +107,8 @@ def assembler(
     loads = list(loads)
     if held is not None:
         X = p.position[: p.owned]
-        mask = np.broadcast_to(np.asarray(held(X)).reshape(p.owned, -1), (p.owned, p.dim))
+        mask = np.asarray(held(X))
+        mask = np.broadcast_to(mask if mask.ndim == 2 else mask[:, None], (p.owned, p.dim))
         values = value if isinstance(value, list | tuple) else [value] * p.dim
         for k in range(p.dim):
             loads.append(Displacement(site(p, mask[:, k], values[k]), SimpleNamespace(component=(k,))))

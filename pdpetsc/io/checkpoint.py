@@ -14,6 +14,8 @@ from pdpetsc.state import State
 
 CHECKPOINT = "checkpoint.h5"
 FORMAT = 2
+FIELDS = ("u", "increment")
+"""Of the state, beside its numbers."""
 
 
 def write_checkpoint(
@@ -33,10 +35,12 @@ def write_checkpoint(
     text = p.comm.tompi4py().bcast(np.frombuffer(json.dumps(description).encode(), np.uint8))
     with open_file(p.comm, new, "w") as file:
         write_field(p.comm, file, "u", p.directory, p.count, state.u)
+        if state.increment is not None:
+            write_field(p.comm, file, "increment", p.directory, p.count, state.increment)
         write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
         if file is not None:
             file.attrs["pdpetsc_checkpoint"] = FORMAT
-            kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name != "u"}
+            kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name not in FIELDS}
             file.attrs["state"] = json.dumps(kept)
             data = file.create_dataset("broken_bonds", broken.shape, broken.dtype)
             data[...] = broken
@@ -92,7 +96,9 @@ def read_state(directory: Path, particles: Particles) -> State:
     with h5py.File(path, "r") as file:
         kept = json.loads(file.attrs["state"])
         same = file["u"].shape == (p.count, p.dim)
+        moving = "increment" in file
     same = same and np.array_equal(read_field(path, "position", p.directory), p.position[: p.owned])
     if not p.comm.tompi4py().allreduce(int(same)) == p.comm.size:
         raise InputError(f"{path}: the checkpoint belongs to other particles than the case that it holds")
-    return State(u=read_field(path, "u", p.directory), **kept)
+    increment = read_field(path, "increment", p.directory) if moving else None
+    return State(u=read_field(path, "u", p.directory), increment=increment, **kept)

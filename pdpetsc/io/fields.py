@@ -1,5 +1,6 @@
 """Field output: one HDF5 file with the values and one XDMF file that tells ParaView, pyvista and meshio about them."""
 
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -92,9 +93,12 @@ def _xdmf(count: int, steps: dict[int, float], fields: tuple[str, ...]) -> Eleme
         )
         data.text = f"{HDF5}:/{name}"
 
+    times = list(steps.values())
+    ascending = all(before < after for before, after in pairwise(times))
     for step, time in steps.items():
         grid = ElementTree.SubElement(collection, "Grid", Name=f"step {step}", GridType="Uniform")
-        ElementTree.SubElement(grid, "Time", Value=repr(time))
+        # Readers want times to ascend, which those along a path need not.
+        ElementTree.SubElement(grid, "Time", Value=repr(time if ascending else float(step)))
         topology = ElementTree.SubElement(
             grid, "Topology", TopologyType="Polyvertex", NumberOfElements=str(count), NodesPerElement="1"
         )

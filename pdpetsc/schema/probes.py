@@ -124,12 +124,15 @@ class Expect(Table):
         return self
 
 
-SUMMARY = ("probes", "steps", "energies", "balance", "particles", "bonds", "timings", "peak_memory_mb")
+SUMMARY = (
+    "probes", "steps", "energies", "balance", "particles", "bonds", "limit_points", "timings",
+    "peak_memory_mb",
+)  # fmt: skip
 """Entries of summary.json that hold numbers."""
 HISTORY = (
-    "step", "time", "load_factor", "newton_iterations", "linear_iterations", "residual_scale", "relative_residual",
-    "rounding_floor", "broken_bonds", "passes", "most_newton_iterations", "seconds", "external_work", "stored_energy",
-    "dissipated", "held_particles",
+    "step", "time", "load_factor", "arc_length", "newton_iterations", "linear_iterations", "residual_scale",
+    "relative_residual", "rounding_floor", "broken_bonds", "passes", "most_newton_iterations", "seconds",
+    "external_work", "stored_energy", "dissipated", "held_particles",
 )  # fmt: skip
 """Columns of history.csv before the probes."""
 

@@ -216,11 +216,13 @@ class Solver(Table):
     """How the load is stepped; t runs from 0 to end_time."""
 
     mode: Literal["newton"] = "newton"
+    control: Literal["load", "arc_length", "failure"] = "load"
     steps: Count = 10
     end_time: Positive = 1.0
     adaptive: bool = True
     min_step: Positive | None = None
     max_step: Positive | None = None
+    max_steps: Count = 1000
     bonds_per_pass: Fraction = 0.95
     overshoot: Positive = 0.1
 
@@ -228,6 +230,8 @@ class Solver(Table):
     def _check(self):
         if self.min_step and self.max_step and self.min_step > self.max_step:
             raise ValueError(f"min_step = {self.min_step} is greater than max_step = {self.max_step}")
+        if self.control == "load" and "max_steps" in self.model_fields_set:
+            raise error_at("max_steps", 'goes with control = "arc_length"')
         return self
 
 

@@ -26,18 +26,22 @@ ADDITIVE = {
 """The preconditioner of a matrix-free tangent (compact.py); its smoothers take the compact matrix, too."""
 
 
-def default_options(compact: bool, direct: bool, symmetric: bool, ranks: int) -> dict[str, str | float]:
+def default_options(
+    compact: bool, direct: bool, symmetric: bool, ranks: int, definite: bool = True
+) -> dict[str, str | float]:
     """Return defaults for -ksp_type, -pc_type and what belongs to them.
 
     A direct solver is MUMPS where this PETSc has it, PETSc's own LU on one rank, a redundant LU on several. Others are
-    CG (GMRES where the tangent is unsymmetric) with algebraic multigrid on the rigid-body modes, of the tangent itself
-    or of the compact stiffness. When the user names a preconditioner, the Krylov method follows that choice.
+    CG (GMRES where the tangent is unsymmetric or indefinite) with algebraic multigrid on the rigid-body modes, of the
+    tangent itself or of the compact stiffness. When the user names a preconditioner, the Krylov method follows that
+    choice.
 
     Args:
         compact: whether the preconditioner's matrix is the compact stiffness.
         direct: whether a direct solver suits the problem.
         symmetric: whether the tangent is.
         ranks: how many.
+        definite: whether a symmetric tangent is positive definite; MUMPS's Cholesky, L D L^T, does not need that.
     """
     given = options.given()
     defaults: dict[str, str | float] = {}
@@ -57,7 +61,7 @@ def default_options(compact: bool, direct: bool, symmetric: bool, ranks: int) ->
         defaults["ksp_type"] = "preonly"
     else:
         defaults |= {"ksp_rtol": SMALLEST_RTOL, "ksp_max_it": 2000}
-        krylov = given.get("ksp_type", "cg" if symmetric else "gmres")
+        krylov = given.get("ksp_type", "cg" if symmetric and definite else "gmres")
         if krylov in ("cg", "gmres"):
             defaults |= {"ksp_type": krylov, "ksp_norm_type": "unpreconditioned"}
         if krylov == "gmres":

@@ -5,6 +5,8 @@ import gc
 import itertools
 import time as clock
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -71,6 +73,7 @@ class NewtonRecord:
         residual_scale: what they are compared with, sqrt(|f_ext|^2 + |reactions|^2) [force].
         rounding_floor: whether the step ended because rounding left nothing to gain.
         seconds: wall-clock time.
+        arc_length: of the step, where a path is followed [length].
     """
 
     newton_iterations: int = 0
@@ -79,6 +82,7 @@ class NewtonRecord:
     residual_scale: float = 0.0
     rounding_floor: bool = False
     seconds: float = 0.0
+    arc_length: float = 0.0
 
 
 class Newton:
@@ -93,9 +97,10 @@ class Newton:
     Args:
         assembler: of the body.
         blocks: about how many the assembled tangent has, by which tangent and solver are chosen.
+        definite: whether a symmetric tangent is expected to be positive definite, as before limit points.
     """
 
-    def __init__(self, assembler: Assembler, blocks: float):
+    def __init__(self, assembler: Assembler, blocks: float, definite: bool = True):
         self._assembler = assembler
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
         self.snes = snes = PETSc.SNES().create(assembler.particles.comm)
@@ -103,7 +108,7 @@ class Newton:
         self.tangent = tangent(assembler, choice.kind)
         operator, preconditioner = self.tangent.operator, self.tangent.preconditioner
         compact, ranks = choice.kind == "matrix_free", assembler.mpi.size
-        options.set_defaults(DEFAULTS | default_options(compact, choice.direct, assembler.symmetric, ranks))
+        options.set_defaults(DEFAULTS | default_options(compact, choice.direct, assembler.symmetric, ranks, definite))
         self._inexact = "ksp_rtol" not in options.given()
         snes.setFunction(assembler.residual, assembler.vector())
         snes.setJacobian(self._linearise, operator, preconditioner)
@@ -114,7 +119,7 @@ class Newton:
             raise InputError(f"[petsc] or command line: PETSc refuses an option (its error {error.ierr})") from None
         self.number = next(_numbers)
         _alive.add(self)
-        self._record = NewtonRecord()
+        self.record = NewtonRecord()
         self._cost = np.inf  # least iterations for a decade of the linear residual with the present preconditioner
         self._unbalanced = 0.0  # norm of the forces out of balance at the start of a step
         self._before = 0.0  # norm of the right-hand side of the last linear solution
@@ -137,27 +142,37 @@ class Newton:
         Raises:
             StepFailed: with SNES's or KSP's reason.
         """
+        with self.recording() as record:
+            self._assembler.set_time(time)
+            self._near = near
+            self._predict(u)
+            self.snes.solve(None, self._x)
+            reason = self.snes.getConvergedReason()
+            record.linear_iterations += self.snes.getLinearSolveIterations()
+            record.newton_iterations = 1 + self.snes.getIterationNumber()
+            record.residual_scale = self._scale()
+            if not record.residual_norms:  # a convergence test of the user's choice, or none
+                record.residual_norms.append(self.snes.getFunctionNorm())
+            solution = self._x.getArray(readonly=True).reshape(u.shape)
+            if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._at_rounding_floor(solution):
+                record.rounding_floor, reason = True, 1
+        if reason <= 0:
+            raise self.failure(reason)
+        return solution.copy(), record
+
+    @contextmanager
+    def recording(self) -> Iterator[NewtonRecord]:
+        """A new record. The seconds inside are its own; those of neither residual nor tangent count as `solve`."""
         start, seconds = clock.perf_counter(), self._assembler.timings.seconds
         elsewhere = sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
-        self._record = record = NewtonRecord()
-        self._near = near
-        self._assembler.set_time(time)
-        self._predict(u)
-        self.snes.solve(None, self._x)
-        reason = self.snes.getConvergedReason()
-        record.linear_iterations += self.snes.getLinearSolveIterations()
-        record.newton_iterations = 1 + self.snes.getIterationNumber()
-        record.residual_scale = self._scale()
-        if not record.residual_norms:  # a convergence test of the user's choice, or none
-            record.residual_norms.append(self.snes.getFunctionNorm())
-        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._at_rounding_floor(self._x):
-            record.rounding_floor, reason = True, 1
-        record.seconds = clock.perf_counter() - start
-        elsewhere -= sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
-        seconds["solve"] += record.seconds + elsewhere
-        if reason <= 0:
-            raise self._failure(reason)
-        return self._x.getArray(readonly=True).reshape(u.shape).copy(), record
+        self.record, self._near = NewtonRecord(), False
+        record = self.record
+        try:
+            yield record
+        finally:
+            record.seconds = clock.perf_counter() - start
+            elsewhere -= sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
+            seconds["solve"] += record.seconds + elsewhere
 
     def _predict(self, u: np.ndarray) -> None:
         """Set the initial guess of SNES."""
@@ -165,24 +180,41 @@ class Newton:
         jump = np.where(a.constrained, a.prescribed - u, 0.0)
         self.tangent.update(u)
         rhs = -(a.unbalanced_force(u) + a.action(jump))
-        self._rhs.getArray()[...] = np.where(a.constrained, 0.0, rhs).ravel()
-        self._before = self._unbalanced = self._rhs.norm()
-        self._rhs.getArray()[...] += np.where(a.constrained, a.constraint_scale * jump, 0.0).ravel()
+        self._before = self._unbalanced = self.norm(np.where(a.constrained, 0.0, rhs))
+        longest = a.mpi.allreduce(float(np.abs(jump).max(initial=0.0)), MPI.MAX)
+        reduction = min(LARGEST_FORCING, SMALLEST_ERROR * a.spacing / longest) if longest else LARGEST_FORCING
+        guess = u + self.solve_linear(np.where(a.constrained, a.constraint_scale * jump, rhs), reduction)
+        self._x.getArray()[...] = np.where(a.constrained, a.prescribed, guess).ravel()
+
+    def norm(self, field: np.ndarray) -> float:
+        """Euclidean norm of an owned field (collective)."""
+        self._rhs.getArray()[...] = field.ravel()
+        return self._rhs.norm()
+
+    def solve_linear(self, rhs: np.ndarray, reduction: float = SMALLEST_RTOL) -> np.ndarray:
+        """K^-1 rhs with the tangent of its last update, (owned, dim) (collective).
+
+        Args:
+            rhs: (owned, dim); s u_c on constrained entries.
+            reduction: of the linear residual that is asked of a Krylov method, unless the user has asked.
+
+        Raises:
+            StepFailed: with the reason of KSP.
+        """
         ksp = self.snes.getKSP()
         ksp.setOperators(self.tangent.operator, self.tangent.preconditioner)
-        longest = a.mpi.allreduce(float(np.abs(jump).max(initial=0.0)), MPI.MAX)
-        self._aim(min(LARGEST_FORCING, SMALLEST_ERROR * a.spacing / longest) if longest else LARGEST_FORCING)
+        self._aim(reduction)
+        self._rhs.getArray()[...] = rhs.ravel()
         ksp.solve(self._rhs, self._d)
-        self._record.linear_iterations = ksp.getIterationNumber()
+        self.record.linear_iterations += ksp.getIterationNumber()
         if ksp.getConvergedReason() < 0:
-            raise self._failure(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
+            raise self.failure(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
         self._judge_preconditioner()
-        guess = u + self._d.getArray(readonly=True).reshape(u.shape)
-        self._x.getArray()[...] = np.where(a.constrained, a.prescribed, guess).ravel()
+        return self._d.getArray(readonly=True).reshape(rhs.shape).copy()
 
     def _linearise(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """SNES Jacobian, and how exactly it is to be solved."""
-        a, history = self._assembler, self._record.residual_norms
+        a, history = self._assembler, self.record.residual_norms
         u = x.getArray(readonly=True).reshape(-1, a.dim)
         if not self._near or (len(history) > 1 and history[-1] > CONTRACTION * history[-2]):
             self.tangent.update(np.where(a.constrained, a.prescribed, u))
@@ -218,34 +250,44 @@ class Newton:
 
     def _converged(self, snes, iteration, norms):
         """SNES convergence test: relative to loads and reactions, and at the rounding floor."""
-        reasons = PETSc.SNES.ConvergedReason
-        size, step, norm = norms
-        rtol, atol, stol, _ = snes.getTolerances()
-        history = self._record.residual_norms
-        history.append(norm)
         if iteration:
             self._judge_preconditioner()
+        size, step, norm = norms
+        u = snes.getSolution().getArray(readonly=True).reshape(-1, self._assembler.dim)
+        return self.verdict(norm, u, bool(iteration) and step < snes.getTolerances()[2] * size)
+
+    def verdict(self, norm: float, u: np.ndarray, short: bool = False) -> int:
+        """SNES's reason for ending at a residual of this norm, which goes to the record; 0 to go on (collective).
+
+        Args:
+            norm: of the last residual that the assembler has computed.
+            u: (owned, dim) displacements it belongs to.
+            short: whether the step that led there is below snes_stol.
+        """
+        reasons = PETSc.SNES.ConvergedReason
+        rtol, atol, *_ = self.snes.getTolerances()
+        history = self.record.residual_norms
+        history.append(norm)
         if not np.isfinite(norm):
             return NOT_A_NUMBER
         if norm <= atol or norm == 0.0:
             return reasons.CONVERGED_FNORM_ABS
         if norm <= rtol * self._scale():
             return reasons.CONVERGED_FNORM_RELATIVE
-        if iteration and step < stol * size:
+        if short:
             return reasons.CONVERGED_SNORM_RELATIVE
-        if iteration and norm > 0.5 * history[-2] and self._at_rounding_floor(snes.getSolution()):
-            self._record.rounding_floor = True
+        if len(history) > 1 and norm > 0.5 * history[-2] and self._at_rounding_floor(u):
+            self.record.rounding_floor = True
             return reasons.CONVERGED_FNORM_RELATIVE
         return reasons.ITERATING
 
-    def _at_rounding_floor(self, x: PETSc.Vec) -> bool:
-        norm, a = self._record.residual_norms[-1], self._assembler
+    def _at_rounding_floor(self, u: np.ndarray) -> bool:
+        norm, a = self.record.residual_norms[-1], self._assembler
         if norm > WORST_FLOOR * max(a.residual_scale(), WORST_FLOOR * a.unit_force):
             return False
-        u = x.getArray(readonly=True).reshape(-1, self._assembler.dim)
         return norm <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
 
-    def _failure(self, reason: int) -> StepFailed:
+    def failure(self, reason: int) -> StepFailed:
         """What to raise for SNES's reason; the preconditioner is made anew at the next step."""
         self.tangent.renew_preconditioner()
         self._cost = np.inf

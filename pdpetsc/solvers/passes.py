@@ -21,6 +21,7 @@ class StepRecord:
         separated: whether the body has come apart.
         held: particles in splinters that nothing else holds, on all ranks.
         stored: recoverable energy.
+        arc_length: of a step along a path [length].
     """
 
     passes: list[NewtonRecord] = field(default_factory=list)
@@ -28,6 +29,7 @@ class StepRecord:
     separated: bool = False
     held: int = 0
     stored: float = 0.0
+    arc_length: float = 0.0
 
 
 class Overshoot(StepFailed):
@@ -35,80 +37,106 @@ class Overshoot(StepFailed):
 
 
 class Passes:
-    """Solves load steps; where bonds fail, the same load again.
+    """Solves steps; where bonds fail in them, again.
 
     Args:
-        newton: solves one load.
+        newton: finds equilibria.
+        assembler: of the body.
         fracture: the bonds; None: they do not fail.
-        overshoot: by how much the worst bond may pass its critical value before the increment is cut.
+        overshoot: by how much the worst bond may pass its critical value before a load increment is cut.
         passed: called with the record of the step so far after each pass in which bonds failed.
     """
 
     def __init__(
-        self, newton: Newton, assembler: Assembler, fracture: Fracture | None, overshoot: float,
-        passed: Callable[[StepRecord], None],
+        self, newton: Newton, assembler: Assembler, fracture: Fracture | None, overshoot: float = np.inf,
+        passed: Callable[[StepRecord], None] = lambda record: None,
     ):  # fmt: skip
-        self._newton, self._assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
+        self.newton, self.assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
         self._passed = passed
-        self._worst = 0.0  # ratio at the last committed state
+        self._worst = 0.0  # ratio at the last state
 
     def advance(self, state: State, time: float, last: bool) -> tuple[State, StepRecord]:
         """The next state, at `time`.
 
         Args:
             state: the last one; it stays as it is.
+            time: where loads are taken.
             last: whether the increment may not be cut further, so that an overshoot is accepted.
 
         Raises:
             StepFailed: there is no equilibrium, or an overshoot; what failed on the way is taken back.
         """
-        fracture, record = self._fracture, StepRecord()
-        if fracture is None:
-            u, newton = self._newton.advance(state.u, time)
-            record.passes.append(newton)
-            return replace(state, u=u, time=time, step=state.step + 1), record
-        try:
-            return self._until_nothing_fails(state, time, last, record)
-        except StepFailed:
-            fracture.roll_back(state.u)
-            raise
 
-    def _until_nothing_fails(self, state: State, time: float, last: bool, record: StepRecord):
-        fracture, new = self._fracture, replace(state, step=state.step + 1)
+        def equilibrium(new: State, near: bool):
+            u, record = self.newton.advance(new.u, time, near)
+            return u, time, record
+
+        return self.solve(state, equilibrium, overshoot=np.inf if last else self._overshoot)
+
+    def solve(
+        self, state: State, equilibrium: Callable[[State, bool], tuple], again: bool = True, overshoot: float = np.inf
+    ) -> tuple[State, StepRecord]:
+        """The next state, until no more bonds fail in it.
+
+        Args:
+            state: the last one; it stays as it is.
+            equilibrium: gives displacements, time and NewtonRecord from the state so far, and whether that is near
+                because nothing but bonds has changed.
+            again: whether it is looked for again when bonds have failed, or the next step begins with that.
+            overshoot: what is allowed to the first pass.
+
+        Raises:
+            StepFailed: as of `advance`.
+        """
+        new, record = replace(state, step=state.step + 1), StepRecord()
+        if self._fracture is None:
+            new.u, new.time, newton = equilibrium(new, False)
+            record.passes.append(newton)
+            return new, record
+        try:
+            self._until_nothing_fails(new, record, equilibrium, again, overshoot)
+        except StepFailed:
+            self._fracture.roll_back(state.u)
+            raise
+        return new, record
+
+    def _until_nothing_fails(self, new: State, record: StepRecord, equilibrium, again: bool, overshoot: float) -> None:
+        fracture, a = self._fracture, self.assembler
+        a.set_time(new.time)
         while True:
-            before = self._forces(new.u, first=not record.passes)
-            u, newton = self._newton.advance(new.u, time, near=bool(record.passes))
+            before = a.internal_force(new.u), self._carried(new.u)
+            u, time, newton = equilibrium(new, bool(record.passes))
             record.passes.append(newton)
             self._account(new, before, u)
             new.u, new.time = u, time
             ratio = fracture.ratios(u)
             worst = fracture.worst(ratio)
-            if len(record.passes) == 1 and worst > 1 + self._overshoot and not last:
-                share = (1 + self._overshoot / 2 - self._worst) / (worst - self._worst)
+            if len(record.passes) == 1 and worst > 1 + overshoot:
+                share = (1 + overshoot / 2 - self._worst) / (worst - self._worst)
                 raise Overshoot(f"a bond is at {worst:.3g} of its critical value", share)
-            stored = self._assembler.stored_energy(u)
+            record.stored = a.stored_energy(u)
             if fracture.separated or not fracture.fail(u, ratio, new.step):
                 break
-            new.dissipated += stored - self._assembler.stored_energy(u)
-            record.broken = fracture.count
+            whole, record.stored, record.broken = record.stored, a.stored_energy(u), fracture.count
+            new.dissipated += whole - record.stored
             self._passed(record)
+            if not again:
+                break
         self._worst = worst
-        record.stored, record.separated, record.broken = stored, fracture.separated, fracture.count
-        record.held = self._assembler.mpi.allreduce(int(fracture.held.sum()))
-        return new, record
+        record.separated, record.broken = fracture.separated, fracture.count
+        record.held = a.mpi.allreduce(int(fracture.held.sum()))
 
-    def _forces(self, u: np.ndarray, first: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Internal forces, and external ones with reactions. Before the first pass they are in equilibrium."""
-        a = self._assembler
-        internal = a.internal_force(u)
-        return internal, internal if first else np.where(a.constrained, internal, a.external_force(u))
+    def _carried(self, u: np.ndarray) -> np.ndarray:
+        """External forces, and on constrained entries what their support carries."""
+        a = self.assembler
+        external = a.external_force(u)
+        return np.where(a.constrained, a.internal_force(u), external)
 
     def _account(self, state: State, before: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> None:
         """Add to a state the work on the way from its displacements to others, by the trapezoidal rule: what loads and
         supports do, and what is lost as the body goes from the state in which bonds failed to equilibrium."""
-        a, (internal, external), du = self._assembler, before, u - state.u
-        _, after = self._forces(u, first=False)
-        work = ((external + after) * du).sum() / 2, ((external - internal) * du).sum() / 2
-        done, lost = a.mpi.allreduce(np.array(work))
+        (internal, carried), du = before, u - state.u
+        work = ((carried + self._carried(u)) * du).sum() / 2, ((carried - internal) * du).sum() / 2
+        done, lost = self.assembler.mpi.allreduce(np.array(work))
         state.external_work += float(done)
         state.dissipated += float(lost)

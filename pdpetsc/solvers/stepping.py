@@ -21,6 +21,7 @@ class Schedule:
         steps: number of nominal steps.
         adaptive: halve a step that fails, grow back after easy ones.
         smallest, largest: limits of an adaptive step; `largest` above the nominal step lets easy steps grow beyond it.
+        most: number of steps after which a path that is followed ends, wherever it is.
     """
 
     end: float
@@ -28,6 +29,7 @@ class Schedule:
     adaptive: bool
     smallest: float
     largest: float
+    most: int = 1000
 
     @property
     def nominal(self) -> float:

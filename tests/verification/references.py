@@ -393,6 +393,98 @@ def cantilever_beam(
     return Beam(length, float(sol.y[0, -1]) - 1.0, float(sol.y[1, -1]), sol.sol)
 
 
+# ---------------------------------------------------------------- arch that snaps through
+
+ARCH = {"span": 60.0, "rise": 3.2, "depth": 2.0, "E": 18e3, "nu": 0.25}  # the bundled case
+
+
+def clamped_arch(drops, span=60.0, rise=3.2, depth=2.0, E=18e3, nu=0.25, width=1.6, shear_factor=5 / 6):
+    """Force at the crown of a clamped arch whose crown has dropped: a geometrically exact beam, symmetric.
+
+    The midline is y = rise sin^2(pi x/span), the depth is vertical, and the force P is spread over `width` about the
+    crown; half of the arch, 0 < x < span/2, by `solve_bvp` with P and the thrust as unknowns. `r' = (1 + eps) t +
+    gamma n`, `theta' = theta0' + kappa`, `M' = -(r' x f)` along the arc, f the force carried by the section; x = y =
+    theta = 0 at the clamp, x = span/2, y = rise - drop, theta = 0 at the crown. A function of the drop, although under
+    a growing force the arch would snap.
+
+    Args:
+        drops: of the crown, ascending in small steps from near 0 [mm].
+        span, rise, depth, width: [mm].
+        E, nu: Young's modulus [MPa], Poisson's ratio [-]; plane strain.
+        shear_factor: k [-].
+
+    Returns:
+        P at each drop [N/mm].
+    """
+    modulus, shear, half = plane_strain_modulus(E, nu), shear_factor * E / (2 * (1 + nu)), span / 2
+    k = np.pi / span
+    unit = 10 * modulus * depth**3 * rise / span**3  # of thrust and force
+
+    def angle(x):
+        return np.arctan(rise * k * np.sin(2 * k * x))
+
+    def rates(x, z, forces):
+        _, _, theta, moment = z
+        thrust, force = forces * unit
+        across = -force / 2 * np.clip((half - x) / (width / 2), 0.0, 1.0)
+        c, s, c0 = np.cos(theta), np.sin(theta), np.cos(angle(x))
+        thick = depth * c0
+        eps, slide = (thrust * c + across * s) / (modulus * thick), (across * c - thrust * s) / (shear * thick)
+        dx, dy = (1 + eps) * c - slide * s, (1 + eps) * s + slide * c
+        bend = 2 * rise * k**2 * np.cos(2 * k * x) * c0**3 + 12 * moment / (modulus * thick**3)
+        return np.vstack((dx, dy, bend, thrust * dy - across * dx)) / c0
+
+    x = np.unique(np.r_[np.linspace(0.0, half, 61), half - width / 2])
+    guess, forces, found = np.vstack((x, rise * np.sin(k * x) ** 2, angle(x), 0 * x)), np.zeros(2), []
+    for drop in drops:
+
+        def ends(left, right, _, drop=drop):
+            return np.array([*left[:3], right[0] - half, right[1] - rise + drop, right[2]])
+
+        sol = solve_bvp(rates, ends, x, guess, forces, tol=1e-8, max_nodes=20000)
+        if not sol.success:
+            raise RuntimeError(f"arch at a drop of {drop} mm: {sol.message}")
+        guess, forces = sol.sol(x), sol.p
+        found.append(forces[1] * unit)
+    return np.array(found)
+
+
+def shallow_arch(parameter, span, rise, depth, E, nu):
+    """The same arch in the theory of shallow arches, with a point force, in closed form.
+
+    With u the upward displacement and N = -D k^2 the constant normal force, D u'''' = N (u + y0)'' on each half,
+    y0 = rise sin^2(pi x/span): u = a + b x + c cos kx + d sin kx + A cos(beta x), beta = 2 pi/span,
+    A = -k^2 rise/2/(beta^2 - k^2); u = u' = 0 at the clamp, u' = 0 and D u''' = P/2 at the crown. Compatibility,
+    N span/(E' depth) = int (y0' u' + u'^2/2) dx, is quadratic in P.
+
+    Args:
+        parameter: k span/2, neither 0 nor a multiple of pi.
+
+    Returns:
+        The pairs (drop of the crown, P), two or none.
+    """
+    modulus, half = plane_strain_modulus(E, nu), span / 2
+    D, k, beta = modulus * depth**3 / 12, parameter / half, 2 * np.pi / span
+    A = -(k**2) * rise / 2 / (beta**2 - k**2)
+    c, s = np.cos(parameter), np.sin(parameter)
+    rows = np.array([[1, 0, 1, 0], [0, 1, 0, k], [0, 1, -k * s, k * c], [0, 0, k**3 * s, -(k**3) * c]])
+    own, forced = np.linalg.solve(rows, [-A, 0, 0, 0]), np.linalg.solve(rows, [0, 0, 0, 1 / (2 * D)])
+    x, weight = np.polynomial.legendre.leggauss(40)
+    x, weight = half * (x + 1) / 2, half * weight / 2
+
+    def slope(z):
+        return z[1] - k * z[2] * np.sin(k * x) + k * z[3] * np.cos(k * x)
+
+    first, second = slope(own) - A * beta * np.sin(beta * x), slope(forced)
+    initial = rise * beta / 2 * np.sin(beta * x)
+    loads = np.roots([
+        weight @ second**2 / 2, weight @ (second * (initial + first)),
+        weight @ (initial * first + first**2 / 2) + D * k**2 * half / (modulus * depth),
+    ])  # fmt: skip
+    crown = np.array([1, half, c, s])
+    return [(A - crown @ own - P * crown @ forced, P) for P in loads if np.isreal(P)]
+
+
 # ---------------------------------------------------------------- plate in tension
 
 

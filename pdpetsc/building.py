@@ -1,0 +1,78 @@
+"""From a case to its particles and materials."""
+
+import numpy as np
+
+from pdpetsc.body.box import box, horizon_field
+from pdpetsc.body.sets import Sets
+from pdpetsc.body.surfaces import on_surface
+from pdpetsc.bonds import Families
+from pdpetsc.case import Case
+from pdpetsc.census import QUICK, take_census
+from pdpetsc.errors import InputError, at
+from pdpetsc.influence import bond_weights, influence_function
+from pdpetsc.loads.building import loaded_surfaces
+from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.parallel import collective, warn
+from pdpetsc.particles import Particles, distribute
+
+
+def distributed_particles(comm: PETSc.Comm, case: Case) -> Particles:
+    """The distributed particles, with those facets on which a traction acts."""
+    body, mpi = case.body, comm.tompi4py()
+    horizon = horizon_field(body, case.material, case.sets)
+    loaded = loaded_surfaces(case)
+    points = box(mpi, body, body.keep, horizon, bool(loaded))
+    if loaded:
+        facets = points.facets
+        with collective(mpi):
+            spacing = points.spacing[np.searchsorted(points.id, facets.parent)]
+            chosen = [on_surface(facets, spacing, name, case.surfaces) for name in sorted(loaded)]
+        points.facets = facets.chosen(np.any(chosen, axis=0))
+    return distribute(comm, points, body.horizon_tolerance)
+
+
+def expected_blocks(case: Case) -> float:
+    """Of the assembled tangent, counted without looking at the ranks; where a quick look finds no particle, too many
+    to be assembled."""
+    try:
+        return take_census(case, QUICK).blocks
+    except InputError:
+        return float("inf")
+
+
+def materials_of(case: Case, p: Particles, families: Families, interior: int, sets: Sets) -> list[Material]:
+    """The materials of the case on their particles; every particle has exactly one. The first `interior` families
+    contain no ghost."""
+    count = np.zeros(p.owned, int)
+    materials = []
+    for name, spec in case.material.items():
+        if unused := [key for key in case.document["material"][name] if key not in type(spec).model_fields]:
+            warn(p.comm.tompi4py(), f"material.{name}: the model {spec.model!r} does not use {', '.join(unused)}")
+        members = sets[spec.where]
+        count += members
+        chosen = np.flatnonzero(members[families.center])
+        own = families.subset(chosen)
+        influence = influence_function(spec.influence)
+        with collective(p.comm.tompi4py()), at(f"material.{name}"):
+            weight = bond_weights(own, p.position, p.horizon, p.spacing, influence, spec.partial_volume)
+        part = Neighbourhood(
+            own, weight, p.position, p.volume, p.horizon, p.spacing, case.body.thickness, influence,
+            int(np.searchsorted(chosen, interior)), p.exchange.forward,
+        )  # fmt: skip
+        with collective(p.comm.tompi4py()), at(f"material.{name}"):
+            # Those that communicate raise on all ranks alike (`Neighbourhood.forward`).
+            materials.append(Material.models[spec.model].from_case(spec, part))
+    mpi = p.comm.tompi4py()
+    for name, material in zip(case.material, materials):
+        unmatched, families = mpi.allreduce(np.array([material.unmatched, len(material.families)]))
+        if unmatched > families / 2:
+            counts = f"weights of {unmatched} of {families} families could not be matched"
+            remedy = "take a larger horizon or another influence function"
+            warn(mpi, f"material.{name}: {counts}, so that its moduli are not right; {remedy}")
+    wrong = mpi.allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))
+    if wrong.any():
+        raise InputError(
+            f"material: {wrong[0]} particles have no material and {wrong[1]} have more than one; "
+            "the sets in `where` must cover the body once"
+        )
+    return materials
