@@ -1,6 +1,7 @@
 """From a case to its particles and materials."""
 
 import numpy as np
+from petsc4py import PETSc
 
 from pdpetsc.body.box import box, horizon_field
 from pdpetsc.body.sets import Sets
