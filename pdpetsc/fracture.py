@@ -112,12 +112,13 @@ class Fracture:
             if rule is None:
                 continue
 
-            def opposite(values, bonds=bonds):
-                padded = np.zeros(self.families.bonds)
-                padded[bonds] = values
-                return self._opposite(padded)[bonds]
+            def both(of_material, bonds=bonds):
+                own = np.zeros(self.families.bonds)
+                for material, of in zip(self._assembler.materials, self._bonds):
+                    own[of] = of_material(material, local)
+                return (own + self._opposite(own))[bonds]
 
-            ratio[bonds] = rule.criterion.ratio(local, tensors.get(rule.criterion.field), opposite)
+            ratio[bonds] = rule.criterion.ratio(local, tensors.get(rule.criterion.field), both)
             if not rule.independent:
                 shared[bonds] = ratio[bonds]
         ratio = np.maximum(ratio, self._opposite(shared))

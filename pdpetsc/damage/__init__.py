@@ -1,3 +1,3 @@
 """Criteria by which bonds fail, found by name: importing this package fills `Criterion.criteria`."""
 
-from pdpetsc.damage import stretch  # noqa: F401
+from pdpetsc.damage import bond_strain, energy, principal_stress, strain, stretch  # noqa: F401

@@ -15,7 +15,8 @@ from numba.extending import overload
 
 from pdpetsc.errors import InputError
 from pdpetsc.materials.base import Keys, Material
-from pdpetsc.materials.families import FAST, dimension
+from pdpetsc.materials.families import dimension
+from pdpetsc.materials.tensors import EXACT
 
 Positive = Annotated[float, Gt(0)]
 
@@ -62,14 +63,14 @@ class Criterion:
         """
         raise NotImplementedError
 
-    def ratio(self, u: np.ndarray, tensor: np.ndarray | None, opposite: Callable) -> np.ndarray:
-        """d/d_c of each bond, in its own direction; it fails at 1.
+    def ratio(self, u: np.ndarray, tensor: np.ndarray | None, both: Callable) -> np.ndarray:
+        """d/d_c of each bond, in its own direction; it fails at 1. Where the state is no number it is 0.
 
         Args:
             u: (local, dim) displacements.
             tensor: (local, 3, 3) what `field` names, at all particles.
-            opposite: gives for values of these bonds those of the other directions; a criterion that calls it does so
-                on all ranks.
+            both: gives for a function of a material and u, values (bonds,) of its families' bonds, the sum of those of
+                both directions, for these bonds; a criterion that calls it does so on all ranks.
         """
         m = self._material
         values = np.empty(m.families.bonds)
@@ -79,7 +80,7 @@ class Criterion:
             dimension(m._part.dim), self._data, X, families.center, families.offsets, families.neighbours, u, tensor,
             values,
         )  # fmt: skip
-        return values
+        return where_defined(values)
 
     @property
     def horizon(self) -> np.ndarray:
@@ -104,16 +105,22 @@ def value_of(kind: type):
     return register
 
 
-@overload(bond_value, jit_options=FAST)
+@overload(bond_value, jit_options=EXACT)  # sums in the order written: i -> j and j -> i come to the same number
 def _(D, data, f, i, j, X, u, tensor):
     return VALUES[data.instance_class]
 
 
-@njit(cache=True, **FAST)
+@njit(cache=True, **EXACT)
 def _bond_values(D, data, X, center, offsets, neighbours, u, tensor, values):
     for f in range(len(center)):
         for b in range(offsets[f], offsets[f + 1]):
             values[b] = bond_value(D, data, f, center[f], neighbours[b], X, u, tensor)
+
+
+def where_defined(values: np.ndarray) -> np.ndarray:
+    """The values with 0 where they are no number, in place."""
+    values[np.isnan(values)] = 0.0
+    return values
 
 
 def per_family(material: Material, value: float | np.ndarray) -> np.ndarray:

@@ -128,6 +128,8 @@ class Material:
     """q of the forces w(r) r^q of bonds of length r delta in a state of equal stretch."""
     linear = False
     """Whether kinematics are those of small displacements: forces act at the reference positions."""
+    central = False
+    """Whether forces act along the bonds."""
     least_span = 0.01
     """A particle whose intact bonds `span` the space less comes loose: its last bonds break."""
     unmatched = 0

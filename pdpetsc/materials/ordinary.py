@@ -76,6 +76,8 @@ class Ordinary(Material):
         rotation_weighted: whether a bond counts in the dilatation with the cosine of its rotation.
     """
 
+    central = True
+
     def __init__(
         self, part: Neighbourhood, moduli: Moduli, k: np.ndarray, B: np.ndarray | None = None,
         s: np.ndarray | None = None, kinematics: str = "nonlinear", rotation_weighted: bool = False,
