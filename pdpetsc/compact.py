@@ -37,6 +37,9 @@ SHARE = 0.3
 SIDEWAYS = 0.3
 """Part of their stiffness that the springs of a mechanism have across their direction."""
 
+WEAK = 1e-3
+"""Part of its stiffness that the spring of a broken bond keeps."""
+
 SMALLEST_STIFFNESS = 1e-3
 """Least eigenvalue of a diagonal block that is believed, relative to its largest."""
 
@@ -54,21 +57,22 @@ class CompactStiffness:
         self._D = kernels.dimension(p.dim)
         self._springs = [self._network(material) for material in assembler.materials]
         parts = []
-        for families, own, _, _ in self._springs:
-            parts.append(Part(families, families.dual(p.local), own, False))
+        for material, (families, *_) in zip(assembler.materials, self._springs):
+            parts.append(Part(families, families.dual(p.local), material.own, False))
         self._duals = [part.dual for part in parts]
         self._sparsity, self._matrix = assembler.new_matrix(parts)
         self.mat = self._matrix.mat
 
     def _network(self, material) -> tuple[Families, np.ndarray, np.ndarray, np.ndarray]:
-        """Short bonds of a material's families, the number of each particle's family, stiffness of the springs along
-        their directions and across."""
+        """Short bonds of a material's families and their numbers among all, stiffness of the springs along their
+        directions and across."""
         p, D = self._assembler.particles, self._D
         bonds = material.families.center, material.families.offsets, material.families.neighbours
         reach = REACH * p.spacing[material.families.center]
         resists = np.empty(len(reach), bool)
         for _ in range(2):
-            families = Families(bonds[0], *_short_bonds(*bonds, p.position, reach))
+            offsets, neighbours, short = _short_bonds(*bonds, p.position, reach)
+            families = Families(bonds[0], offsets, neighbours)
             network = bonds[0], families.offsets, families.neighbours
             k = families.lengths(p.position) ** (2 * (p.dim - 3))
             resist_strain(D, *network, p.position, k, resists)
@@ -77,7 +81,17 @@ class CompactStiffness:
             reach[~resists] = np.inf  # too few: all bonds of the family
         total = p.dim * (p.dim + 2) * (material.shear * material.modulus / 3) ** 0.5 if p.dim > 1 else material.modulus
         sums.scale_to(D, p.position, *network, k, 2, np.full(len(families), total))
-        return families, material.own, k, k * np.repeat(np.where(resists, 0.0, SIDEWAYS), np.diff(families.offsets))
+        return families, short, k, k * np.repeat(np.where(resists, 0.0, SIDEWAYS), np.diff(families.offsets))
+
+    def _present(self, material, families: Families, short: np.ndarray, k: np.ndarray, sideways: np.ndarray) -> tuple:
+        """The springs with the bonds that are left: what is broken is weak but there, so that nothing is ever loose,
+        and where bonds are missing the others resist being turned, too."""
+        if material.intact is None:
+            return k, sideways
+        intact = material.intact[short]
+        hurt = np.repeat(families.sums((~intact).astype(float)) > 0, np.diff(families.offsets))
+        present = np.where(intact, k, WEAK * k)
+        return present, np.where(hurt, SIDEWAYS * present, sideways)
 
     def fill(self, u: np.ndarray) -> None:
         """Springs along the bonds at owned displacements (collective)."""
@@ -85,8 +99,10 @@ class CompactStiffness:
         local = a.localise(u)
         x = a.particles.position + local
         contributions = [
-            lambda *target, network=network, dual=dual: self._add_rows(x, *network, dual, *target)
-            for network, dual in zip(self._springs, self._duals)
+            lambda *target, material=material, springs=springs, dual=dual: self._add_rows(
+                x, springs[0], material.own, *self._present(material, *springs), dual, *target
+            )
+            for material, springs, dual in zip(a.materials, self._springs, self._duals)
         ]
         a.fill(self._sparsity, self._matrix, contributions, True)
 
@@ -130,9 +146,9 @@ def multiply_blocks(blocks, x, y):
 
 @njit(cache=True)
 def _short_bonds(center, offsets, neighbours, X, reach):
-    """Offsets and neighbours of the bonds that are no longer than each family's reach."""
+    """Offsets, neighbours and numbers of the bonds that are no longer than each family's reach."""
     kept_offsets = np.zeros(len(offsets), np.int64)
-    kept = np.empty(0, np.int32)
+    kept, number = np.empty(0, np.int32), np.empty(0, np.int64)
     for filling in range(2):
         n = 0
         for f in range(len(center)):
@@ -143,8 +159,9 @@ def _short_bonds(center, offsets, neighbours, X, reach):
                 if square <= reach[f] * reach[f]:
                     if filling:
                         kept[n] = neighbours[b]
+                        number[n] = b
                     n += 1
             kept_offsets[f + 1] = n
         if not filling:
-            kept = np.empty(n, np.int32)
-    return kept_offsets, kept
+            kept, number = np.empty(n, np.int32), np.empty(n, np.int64)
+    return kept_offsets, kept, number

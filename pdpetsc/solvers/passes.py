@@ -114,9 +114,11 @@ class Passes:
             if len(record.passes) == 1 and worst > 1 + overshoot:
                 share = (1 + overshoot / 2 - self._worst) / (worst - self._worst)
                 raise Overshoot(f"a bond is at {worst:.3g} of its critical value", share)
-            record.stored = a.stored_energy(u)
+            record.stored, constrained = a.stored_energy(u), a.constrained
             if fracture.separated or not fracture.fail(u, ratio, new.step):
                 break
+            if a.mpi.allreduce(int((a.constrained != constrained).sum())):
+                self.newton.tangent.renew_preconditioner()
             whole, record.stored, record.broken = record.stored, a.stored_energy(u), fracture.count
             new.dissipated += whole - record.stored
             self._passed(record)
