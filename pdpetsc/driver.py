@@ -12,7 +12,7 @@ from pdpetsc.case import Case
 from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import CHECKPOINT, read_broken, read_description, read_state
+from pdpetsc.io.checkpoint import CHECKPOINT, read_damaged, read_description, read_state
 from pdpetsc.io.plot import plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import Checkpoint, FieldOutput, History, ProgressTable
@@ -57,7 +57,7 @@ def restart(directory: Path, quiet: bool = False) -> int:
         rows = kept.pop("rows")
         case = Case.from_document(**kept)
     simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
-    simulation.go_on_from(read_state(directory, simulation.particles), rows, read_broken(directory))
+    simulation.go_on_from(read_state(directory, simulation.particles), rows, read_damaged(directory))
     if simulation.schedule.finished(simulation.state.time):
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)

@@ -6,6 +6,7 @@ of a pair break when the first one reaches its critical value, unless a material
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -35,24 +36,13 @@ class Rule:
         criterion: d/d_c of each bond.
         exempt: mask of the owned and ghost particles whose bonds never fail.
         independent: whether the two directions of a pair fail each by itself.
+        softening: keys of bonds that fade before they fail, or None.
     """
 
     criterion: Criterion
     exempt: np.ndarray
     independent: bool = False
-
-
-@dataclass
-class Broken:
-    """Bonds of this rank's families that have failed, in any order.
-
-    Attributes:
-        bonds: their numbers among all families.
-        step: the load step in which each did.
-    """
-
-    bonds: np.ndarray
-    step: np.ndarray
+    softening: Any = None
 
 
 class Fracture:
@@ -71,10 +61,10 @@ class Fracture:
         material_of: np.ndarray,
     ):  # fmt: skip
         p = assembler.particles
-        self._assembler, self.families, self._rules, self._fraction = assembler, families, rules, fraction
+        self._assembler, self.families, self._rules, self.fraction = assembler, families, rules, fraction
         self._opposite = Opposite(p, families)
         self.intact = np.ones(families.bonds, bool)
-        self.step = np.zeros(families.bonds, np.int32)
+        self.step = np.zeros(families.bonds, np.int64)
         """In which each bond failed."""
         of_bond = families.per_bond(material_of)
         self._bonds = [np.flatnonzero(of_bond == m) for m in range(len(rules))]
@@ -82,7 +72,13 @@ class Fracture:
         for rule in rules:
             if rule is not None:
                 self._exempt |= rule.exempt[families.neighbours] | families.per_bond(rule.exempt)
-        self._kept = self.intact.copy()  # as they were committed
+        self.largest = np.zeros(families.bonds)
+        """Largest stretch of each bond that softens, in critical stretches of its direction, by the last pass."""
+        self._fading = [(m, rule) for m, rule in enumerate(rules) if rule is not None and rule.softening]
+        for m, rule in self._fading:
+            softens = ~self._exempt[self._bonds[m]]
+            assembler.materials[m].soften(rule.criterion.softening(rule.softening, softens), rule.softening.printed)
+        self._kept = self.intact.copy(), self.largest.copy()  # as they were committed
         self._total = self._mpi.allreduce(float(p.volume[: p.owned].sum()))
         self._bodies: int | None = None
         self.separated = False
@@ -147,7 +143,7 @@ class Fracture:
         worst = self.worst(ratio)
         if worst < 1 - TIE:
             return 0
-        failed = ratio >= max(1.0, self._fraction * worst) * (1 - TIE)
+        failed = ratio >= max(1.0, self.fraction * worst) * (1 - TIE)
         before = self.count
         self._break(failed, step)
         self._drop_loose_particles(step)
@@ -197,14 +193,57 @@ class Fracture:
         volume = np.bincount(number[inside], p.volume[: p.owned][inside], len(heads))
         return int((self._mpi.allreduce(volume) >= WHOLE * self._total).sum())
 
+    # Softening ----------------------------------------------------------------------------------------------------
+
+    @property
+    def softens(self) -> bool:
+        """Whether any bonds do."""
+        return bool(self._fading)
+
+    def set_live(self, live: bool) -> None:
+        """Whether softening follows the stretches, or stays as it is."""
+        for m, rule in self._fading:
+            largest = self.largest[self._bonds[m]] * self._critical(m, rule)
+            self._assembler.materials[m].set_softening(largest, live)
+
+    def _critical(self, m: int, rule: Rule) -> np.ndarray:
+        """s_c of each bond of a material."""
+        return np.repeat(rule.criterion.critical, np.diff(self._assembler.materials[m].families.offsets))
+
+    def soften(self, u: np.ndarray, fraction: float) -> float:
+        """Take over the stretches of softening bonds, of those beyond a fraction of the worst among the growing ones;
+        softening stays as it then is. The largest growth that is left out, in critical stretches (collective).
+
+        Args:
+            u: (owned, dim) displacements of an equilibrium.
+            fraction: 0: of all.
+        """
+        local = self._assembler.localise(u)
+        ratio = np.zeros(self.families.bonds)
+        for m, rule in self._fading:
+            bonds = self._bonds[m]
+            own = rule.criterion.ratio(local, None, None)
+            begins = rule.softening.s_min / self._critical(m, rule)
+            grows = (own > np.maximum(self.largest[bonds], begins)) & self.intact[bonds] & ~self._exempt[bonds]
+            ratio[bonds] = np.where(grows, own, 0.0)
+        growth = np.where(ratio > 0.0, ratio - self.largest, 0.0)
+        taken = ratio >= fraction * self.worst(ratio) * (1 - TIE)
+        self.largest = np.where(taken, np.maximum(self.largest, ratio), self.largest)
+        self.set_live(False)
+        return self.worst(growth)
+
     def commit(self) -> None:
         """Keep what has failed."""
-        self._kept = self.intact.copy()
+        self._kept = self.intact.copy(), self.largest.copy()
 
     def roll_back(self, u: np.ndarray) -> None:
         """Take back what has failed since the last commit; `u` is the state of that time."""
-        if self._mpi.allreduce(int((self._kept != self.intact).sum())):
-            self.intact = self._kept.copy()
+        intact, largest = self._kept
+        changed = int((intact != self.intact).sum())
+        self.largest = largest.copy()
+        self.set_live(True)
+        if self._mpi.allreduce(changed):
+            self.intact = intact.copy()
             self._tell()
             self._look_at_pieces(u)
 
@@ -212,20 +251,32 @@ class Fracture:
 
     def broken(self) -> np.ndarray:
         """(n, 3) ids of i and j and the load step of each directed bond i -> j of this rank that has failed."""
-        p, bonds = self._assembler.particles, np.flatnonzero(~self.intact)
-        i = p.id[self.families.per_bond(np.arange(p.local))[bonds]]
-        return np.stack([i, p.id[self.families.neighbours[bonds]], self.step[bonds]], axis=1).astype(np.int64)
+        return self._listed(~self.intact, self.step)
 
-    def restore(self, broken: np.ndarray, u: np.ndarray) -> None:
-        """Break the bonds of a list (n, 3) that has those of all ranks, as `broken` gives it (collective)."""
+    def softened(self) -> np.ndarray:
+        """(n, 3) ids of i and j and the largest stretch, in critical ones, of this rank's bonds that have softened."""
+        return self._listed(self.largest > 0.0, self.largest)
+
+    def _listed(self, chosen: np.ndarray, values: np.ndarray) -> np.ndarray:
+        p, bonds = self._assembler.particles, np.flatnonzero(chosen)
+        i = p.id[self.families.per_bond(np.arange(p.local))[bonds]]
+        return np.stack([i, p.id[self.families.neighbours[bonds]], values[bonds]], axis=1).astype(values.dtype)
+
+    def restore(self, broken: np.ndarray, softened: np.ndarray, u: np.ndarray) -> None:
+        """Break and soften the bonds of lists (n, 3) that have those of all ranks, as `broken` and `softened` give them
+        (collective)."""
         p = self._assembler.particles
-        mine = broken[np.isin(broken[:, 0], p.id[: p.owned])]
         center = self.families.per_bond(np.arange(p.local))
         pairs = p.id[center].astype(np.int64) * p.count + p.id[self.families.neighbours]
         order = np.argsort(pairs)
-        place = order[np.searchsorted(pairs[order], mine[:, 0] * p.count + mine[:, 1])]
-        self.intact[place] = False
-        self.step[place] = mine[:, 2]
+        for listed, values in ((broken, self.step), (softened, self.largest)):
+            mine = listed[np.isin(listed[:, 0], p.id[: p.owned])]
+            wanted = mine[:, 0].astype(np.int64) * p.count + mine[:, 1].astype(np.int64)
+            place = order[np.searchsorted(pairs[order], wanted)]
+            values[place] = mine[:, 2]
+            if values is self.step:
+                self.intact[place] = False
+        self.set_live(True)
         self._tell()
         self._look_at_pieces(u)
         self.commit()
@@ -248,5 +299,6 @@ def rules_of(case, particles: Particles, materials: list, sets: Sets) -> list[Ru
             exempt = np.zeros(particles.local)
             for set_name in keys.exempt:
                 exempt[: particles.owned] += sets[set_name]
-            rules.append(Rule(criterion, particles.exchange.forward(exempt) > 0, keys.independent))
+            softening = getattr(keys, "softening", None)
+            rules.append(Rule(criterion, particles.exchange.forward(exempt) > 0, keys.independent, softening))
     return rules

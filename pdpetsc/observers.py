@@ -145,4 +145,4 @@ class Checkpoint(Observer):
 
     def _write(self, run):
         with run.timings("output"):
-            write_checkpoint(self._directory, run.particles, run.state, run.description, run.broken)
+            write_checkpoint(self._directory, run.particles, run.state, run.description, run.damaged)

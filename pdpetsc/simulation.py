@@ -136,16 +136,18 @@ class Simulation:
         return Recovery(self.assembler, self.state.u, self._reached)
 
     @property
-    def broken(self) -> np.ndarray:
-        """(n, 3) ids of the ends and load step of this rank's bonds that have failed."""
-        return self.fracture.broken() if self.fracture else np.empty((0, 3), np.int64)
+    def damaged(self) -> dict[str, np.ndarray]:
+        """Lists (n, 3) of this rank's bonds that have failed and softened (`Fracture.broken`, `Fracture.softened`)."""
+        if not self.fracture:
+            return {}
+        return {"broken_bonds": self.fracture.broken(), "softened_bonds": self.fracture.softened()}
 
-    def go_on_from(self, state: State, rows: list[dict], broken: np.ndarray) -> None:
+    def go_on_from(self, state: State, rows: list[dict], damaged: dict[str, np.ndarray]) -> None:
         """Continue an earlier run at its last state (collective)."""
         self.state, self.rows = state, rows
         self.assembler.set_time(state.time)
         if self.fracture:
-            self.fracture.restore(broken, state.u)
+            self.fracture.restore(damaged["broken_bonds"], damaged["softened_bonds"], state.u)
 
     @property
     def description(self) -> dict:

@@ -4,9 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pdpetsc.damage.base import Criterion, Critical, per_family, value_of
+from pdpetsc.damage.base import Criterion, Critical, Positive, per_family, value_of
+from pdpetsc.errors import InputError
 from pdpetsc.influence import influence_moment
-from pdpetsc.materials.base import Material
+from pdpetsc.materials.base import Keys, Material
+from pdpetsc.materials.softening import Softening
 
 MEAN_COSINE = {1: 1.0, 2: 2 / np.pi, 3: 0.5}
 """Mean of |cos| over the directions of n dimensions."""
@@ -19,18 +21,35 @@ class Stretch(NamedTuple):
     linear: bool
 
 
+class SofteningKeys(Keys):
+    """The table `softening`: bonds fade between s_min and the critical stretch (materials/softening.py)."""
+
+    s_min: Positive
+    beta: Positive = 3.0
+    printed: bool = False
+
+
 class CriticalStretch(Criterion):
     """s/s_c, with s_c given or from the energy release rate."""
 
     name = "critical_stretch"
 
     class Keys(Critical):
-        pass
+        softening: SofteningKeys | None = None
+
+        def check(self, dim):
+            Critical.check(self, dim)
+            if self.softening and self.critical and not self.softening.s_min < self.critical:
+                raise ValueError(f"softening begins at s_min = {self.softening.s_min}, which must be below critical")
 
     @classmethod
     def from_case(cls, keys, material):
         result = cls(material, Stretch(np.empty(0), material.linear))
-        critical = keys.critical or stretch_of_release_rate(material, keys.G_c, result.horizon)
+        critical = keys.critical
+        if critical is None:
+            critical = stretch_of_release_rate(material, keys.G_c, result.horizon)
+            if keys.softening:
+                critical = _softened_critical(critical, keys.softening)
         result._data = Stretch(per_family(material, critical), material.linear)
         return result
 
@@ -38,6 +57,28 @@ class CriticalStretch(Criterion):
     def critical(self) -> np.ndarray:
         """s_c of each family."""
         return self._data.critical
+
+    def softening(self, keys: SofteningKeys, softens: np.ndarray) -> Softening:
+        """Of the bonds (bonds,) of a mask, which fade from s_min to s_c."""
+        start = np.full_like(self.critical, keys.s_min)
+        return Softening(start, self.critical, keys.beta, not keys.printed, np.zeros(len(softens)), softens)
+
+
+def _softened_critical(brittle: np.ndarray, keys: SofteningKeys) -> np.ndarray:
+    """s_c of bonds that soften from s_min and take as much energy as brittle ones at a given stretch.
+
+    With s = s_min + d (x + 1)/2:  int T s ds = s_min^2/2 + d s_min int T dx/2 + d^2 int T (x + 1) dx/4 = brittle^2/2.
+
+    Raises:
+        InputError: s_min takes that energy already.
+    """
+    if not (keys.s_min < brittle).all():
+        raise InputError(f"softening.s_min: is {keys.s_min:g}, but bonds of that G_c break at {brittle.min():g}")
+    x, weight = np.polynomial.legendre.leggauss(24)
+    weight = weight * (1 - np.tanh(keys.beta * x) / np.tanh(keys.beta)) / 2
+    a, b = keys.s_min * weight.sum() / 2, (weight * (x + 1)).sum() / 4
+    rest = (brittle**2 - keys.s_min**2) / 2
+    return keys.s_min + (np.sqrt(a**2 + 4 * b * rest) - a) / (2 * b)
 
 
 def stretch_of_release_rate(material: Material, release_rate: float, horizon: np.ndarray) -> np.ndarray:

@@ -19,17 +19,17 @@ FIELDS = ("u", "increment")
 
 
 def write_checkpoint(
-    directory: Path, particles: Particles, state: State, description: dict, broken: np.ndarray
+    directory: Path, particles: Particles, state: State, description: dict, damaged: dict[str, np.ndarray]
 ) -> None:
     """Write the state and what is needed to go on; the file is whole or absent (new file, then rename; collective).
 
     Args:
         directory: existing result directory.
         description: plain data to keep with it: the case's document and the records of the steps so far.
-        broken: (n, 3) bonds of this rank that have failed, as `Fracture.broken` gives them.
+        damaged: lists (n, 3) of this rank's bonds, by name, with the ids of their ends and what has become of them.
     """
     p = particles
-    broken = gather_broken(p.comm.tompi4py(), broken)
+    damaged = {name: gathered_bonds(p.comm.tompi4py(), bonds) for name, bonds in damaged.items()}
     new = directory / (CHECKPOINT + ".new")
     # Metadata must be the same on all ranks, and wall-clock seconds are not.
     text = p.comm.tompi4py().bcast(np.frombuffer(json.dumps(description).encode(), np.uint8))
@@ -42,8 +42,9 @@ def write_checkpoint(
             file.attrs["pdpetsc_checkpoint"] = FORMAT
             kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name not in FIELDS}
             file.attrs["state"] = json.dumps(kept)
-            data = file.create_dataset("broken_bonds", broken.shape, broken.dtype)
-            data[...] = broken
+            for name, bonds in damaged.items():
+                data = file.create_dataset(f"damaged/{name}", bonds.shape, bonds.dtype)
+                data[...] = bonds
             data = file.create_dataset("description", text.shape, text.dtype)
             data[...] = text
     if p.comm.rank == 0:
@@ -73,16 +74,16 @@ def read_description(directory: Path) -> dict:
         raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
 
 
-def gather_broken(mpi, broken: np.ndarray) -> np.ndarray:
-    """The broken bonds of all ranks by step and ids, on every rank: as many as a crack has area."""
-    broken = np.concatenate(mpi.allgather(broken))
-    return broken[np.lexsort(broken.T[[1, 0, 2]])]
+def gathered_bonds(mpi, bonds: np.ndarray) -> np.ndarray:
+    """The listed bonds of all ranks by step (or stretch) and ids, on every rank: as many as a crack has area."""
+    bonds = np.concatenate(mpi.allgather(bonds))
+    return bonds[np.lexsort(bonds.T[[1, 0, 2]])]
 
 
-def read_broken(directory: Path) -> np.ndarray:
-    """The broken bonds of a checkpoint, those of all ranks."""
+def read_damaged(directory: Path) -> dict[str, np.ndarray]:
+    """The lists of bonds of a checkpoint, those of all ranks."""
     with h5py.File(directory / CHECKPOINT, "r") as file:
-        return file["broken_bonds"][...]
+        return {name: data[...] for name, data in file.get("damaged", {}).items()}
 
 
 def read_state(directory: Path, particles: Particles) -> State:

@@ -20,6 +20,7 @@ from pdpetsc.influence import INFLUENCE, Influence
 from pdpetsc.materials import families as kernels
 from pdpetsc.materials import flux, rows, sums
 from pdpetsc.materials.families import dimension
+from pdpetsc.materials.softened import Softenable
 
 Positive = Annotated[float, Gt(0)]
 PoissonRatio = Annotated[float, Gt(-1), Lt(0.5)]
@@ -100,7 +101,7 @@ class Elastic(Keys):
             raise ValueError("plane stress is for bodies of two dimensions (and uniaxial stress for one), not three")
 
 
-class Material:
+class Material(Softenable):
     """One constitutive model on its families; subclasses are found by `name` in case files.
 
     All displacement and force arrays are (local, dim). Methods are pure: they change no history.
@@ -151,6 +152,8 @@ class Material:
         self._bonds = part.bonds()
         self._mechanics = data, self._bonds
         """Data and bonds of forces and tangent; a model may take other ones that give the same."""
+        self.mode_sizes = part.dim, part.dim
+        """Lengths of `left` and `right` of a bond in the tangent (families.py)."""
 
     @property
     def modulus(self) -> float:
@@ -181,6 +184,7 @@ class Material:
         families stay as they are, and with them all that is laid out by them."""
         self.intact = intact
         self._keep(intact)
+        self._put_softening()
 
     @property
     def span(self) -> np.ndarray:
@@ -265,7 +269,7 @@ class Material:
         data, bonds = self._mechanics
         rows.add_diagonal(
             self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.couples_family, self.symmetric,
-            diagonal,
+            *map(dimension, self.mode_sizes), diagonal,
         )  # fmt: skip
 
     @property
@@ -292,12 +296,11 @@ class Material:
         data, bonds = self._mechanics
         dim, (_, _, neighbours) = len(self._D), bonds
         count, families = (len(neighbours), len(self.families)) if self.couples_family else (0, 0)
-        block, left, left_center = (
-            np.empty((len(neighbours), dim, dim)),
-            np.empty((count, dim)),
-            np.empty((families, dim)),
-        )
-        right, right_center = (left, left_center) if self.symmetric else (left.copy(), left_center.copy())
+        block = np.empty((len(neighbours), dim, dim))
+        left, left_center = (np.empty((n, self.mode_sizes[0])) for n in (count, families))
+        right, right_center = left, left_center
+        if not self.symmetric:
+            right, right_center = (np.empty((n, self.mode_sizes[1])) for n in (count, families))
         element = block, left, right, left_center, right_center
         state = self._D, data, self._tangent
         rows.elements(*state, self._X, *bonds, self._u, self.couples_family, *element)

@@ -27,15 +27,13 @@ from pdpetsc.materials import correspondence_kernels as kernels
 from pdpetsc.materials.base import Elastic, Material, Neighbourhood
 from pdpetsc.materials.elasticity import LAWS, elastic_law
 from pdpetsc.materials.families import dimension
+from pdpetsc.materials.softened_gradients import SoftenedGradients, SoftenedGradientTangent, refresh
 from pdpetsc.materials.stabilisation import (
     AFFINE_PART_REMOVED,
     Stabilisation,
     ZeroEnergyControl,
     control_modulus,
 )
-
-FADE = (0.1, 0.3)
-"""q between which a family goes over from rods to the law."""
 
 SMALLEST_SHAPE = 1e-6
 """Smallest ratio of the eigenvalues of a shape tensor: below, the family does not span the body's dimension."""
@@ -56,7 +54,7 @@ class Correspondence(Material):
     """
 
     name = "correspondence"
-    least_span = FADE[0]
+    least_span = kernels.FADE[0]
 
     class Keys(Elastic):
         elasticity: Literal[*LAWS] = "hencky"
@@ -80,24 +78,43 @@ class Correspondence(Material):
         data = kernels.Gradients(law, weight, np.linalg.inv(shape), c, affine, law.lame + 2 * law.shear, *whole)
         tangent = kernels.GradientTangent(np.empty((len(families), *(dim,) * 4)))
         super().__init__(part, data, tangent, law.lame, law.shear, plane)
-        self._whole, self._trace = data, np.trace(shape, axis1=1, axis2=2)
+        self._whole = data
+        self._rod = dim**2 * (self.lame + 2 * self.shear / dim) / np.trace(shape, axis1=1, axis2=2)
 
     def _keep(self, intact):
         part, whole, dim = self._part, self._whole, self._part.dim
         shape = part.weighted_moments(part.position, intact)
-        s = np.clip((self.span - FADE[0]) / (FADE[1] - FADE[0]), 0, 1)
+        s = np.clip((self.span - kernels.FADE[0]) / (kernels.FADE[1] - kernels.FADE[0]), 0, 1)
         share = s**2 * (3 - 2 * s)
         shape[share == 0] = np.eye(dim)  # not inverted
         inverse = np.linalg.inv(shape) * (share > 0)[:, None, None]
         control = share * whole.control
         affine = AFFINE_PART_REMOVED[self._stabilisation.kind] * control[:, None, None] * shape
-        stiffness = dim**2 * (self.lame + 2 * self.shear / dim)
-        rod = (1 - share) * stiffness / self._trace
+        rod = (1 - share) * self._rod
         self._data = whole._replace(
             weight=whole.weight * intact, inverse=inverse, control=control, affine=affine, share=share, rod=rod
         )
         self.follows_bonds = bool(rod.any())
         self._mechanics = self._data, self._bonds
+
+    def _softened(self, softening):
+        data, whole, dim = self._data, self._whole, self._part.dim
+        self.mode_sizes = 2 * dim, dim**3 + dim
+        base = data._replace(weight=np.empty_like(data.weight))
+        softened = SoftenedGradients(
+            base, softening, data.weight, self._whole_shape, whole.control, self._rod,
+            float(AFFINE_PART_REMOVED[self._stabilisation.kind]), np.empty_like(data.inverse),
+        )  # fmt: skip
+        H = np.empty_like(data.inverse)
+        return softened, SoftenedGradientTangent(self._tangent, H, H.copy())
+
+    def _data_at(self, u):
+        """Data of the unsoftened model with the weights that its bonds have in a state."""
+        if self._softening is None:
+            return self._data
+        if not self._printed:
+            refresh(self._D, self._data, self._X, *self._bonds, u)
+        return self._data.base
 
     @classmethod
     def from_case(cls, keys, part):
@@ -110,7 +127,7 @@ class Correspondence(Material):
 
     def displacement_gradient(self, u):
         H = np.zeros((len(self.families), 3, 3))
-        d = self._data
+        d = self._data_at(u)
         kernels.gradients(self._D, d.law, d.weight, d.inverse, self._X, *self._bonds, u, H)
         return H
 

@@ -28,6 +28,9 @@ from pdpetsc.materials.families import (
     size_state,
 )
 
+FADE = (0.1, 0.3)
+"""q between which a family goes over from rods to the law."""
+
 
 class Gradients(NamedTuple):
     """Data of the correspondence model.

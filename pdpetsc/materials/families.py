@@ -57,6 +57,7 @@ class Scratch(NamedTuple):
     s: np.ndarray  # (dim, largest)
     a: np.ndarray  # (largest,)
     b: np.ndarray
+    slope: np.ndarray  # (largest,) of bonds that soften
     H: np.ndarray  # (dim, dim)
     P: np.ndarray
     work: np.ndarray  # (8, 3, 3)
@@ -75,7 +76,7 @@ def scratch(D, offsets):
     dim, largest = len(D), largest_family(offsets)
     return Scratch(
         np.empty((dim, largest)), np.empty((dim, largest)), np.empty((dim, largest)), np.empty((dim, largest)),
-        np.empty((dim, largest)), np.empty(largest), np.empty(largest),
+        np.empty((dim, largest)), np.empty(largest), np.empty(largest), np.empty(largest),
         np.empty((dim, dim)), np.empty((dim, dim)), np.empty((8, 3, 3)),
     )  # fmt: skip
 
@@ -105,7 +106,8 @@ def action_state(D, data, tangent, f, first, size, space):
 
 
 def element_state(D, data, tangent, f, first, size, space, block, left, right):
-    """Fill block[k] (dim, dim), left[k] and right[k] (dim,) with those of bond first + k; left may be right."""
+    """Fill block[k] (dim, dim), left[k] and right[k] (as long as the material's `mode_sizes` say) with those of bond
+    first + k; left may be right where the tangent is symmetric."""
 
 
 def mode_block(D, data, tangent, f, left, right, block):

@@ -20,6 +20,7 @@ from pdpetsc.materials import sums
 from pdpetsc.materials.base import Elastic, Material, Neighbourhood, Quadrature
 from pdpetsc.materials.elasticity import lame_constants
 from pdpetsc.materials.ordinary_kernels import Extensions, ExtensionTangent, resist_strain
+from pdpetsc.materials.softened_kernels import SoftenedExtensions
 from pdpetsc.materials.surface import direction_factors
 from pdpetsc.quadrature import matched_weights
 
@@ -90,7 +91,7 @@ class Ordinary(Material):
         data = Extensions(k, B if dilates else np.empty(0), s, rotation_weighted, linear)
         tangent = ExtensionTangent(np.empty(len(data.B)))
         super().__init__(part, data, tangent, moduli.lame, moduli.shear, moduli.plane)
-        self._whole = k
+        self._whole = data
         self._fold()
 
     def _fold(self) -> None:
@@ -102,8 +103,12 @@ class Ordinary(Material):
             self._mechanics = self._data, self._bonds
 
     def _keep(self, intact):
-        self._data = self._data._replace(k=self._whole * intact)
+        self._data = self._whole._replace(k=self._whole.k * intact)
         self._fold()
+
+    def _softened(self, softening):
+        data = self._data
+        return SoftenedExtensions(data._replace(k=np.empty_like(data.k)), data.k, softening), self._tangent
 
     def resists_strain(self):
         resists = np.empty(len(self.families), bool)

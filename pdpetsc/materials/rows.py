@@ -15,14 +15,15 @@ def add_block(D, block, V, blocks, k):
 
 
 @njit(cache=True, **FAST)
-def add_diagonal(D, data, tangent, X, center, offsets, neighbours, volume, u, couples, symmetric, diagonal):
-    """Add the tangent's diagonal blocks (particles, dim, dim)."""
+def add_diagonal(D, data, tangent, X, center, offsets, neighbours, volume, u, couples, symmetric, L, R, diagonal):
+    """Add the tangent's diagonal blocks (particles, dim, dim). The lengths of the
+    tuples L and R are those of left and right of a bond, known when this is compiled."""
     dim = len(D)
     space = scratch(D, offsets)
     largest = len(space.a)
-    block, left = np.empty((largest, dim, dim)), np.empty((largest, dim))
-    right = left if symmetric else np.empty((largest, dim))
-    coupled, left_center, right_center = np.empty((dim, dim)), np.empty(dim), np.empty(dim)
+    block, left = np.empty((largest, dim, dim)), np.empty((largest, len(L)))
+    right = left if symmetric else np.empty((largest, len(R)))
+    coupled, left_center, right_center = np.empty((dim, dim)), np.empty(len(L)), np.empty(len(R))
     for f in range(len(center)):
         i, first, last = center[f], offsets[f], offsets[f + 1]
         V = volume[i]
@@ -37,11 +38,22 @@ def add_diagonal(D, data, tangent, X, center, offsets, neighbours, volume, u, co
             for k in range(last - first):
                 mode_block(D, data, tangent, f, left[k], right[k], coupled)
                 add_block(D, coupled, V, diagonal, neighbours[first + k])
-                for p in range(dim):
+                for p in range(len(L)):
                     left_center[p] -= left[k, p]
+                for p in range(len(R)):
                     right_center[p] -= right[k, p]
             mode_block(D, data, tangent, f, left_center, right_center, coupled)
             add_block(D, coupled, V, diagonal, i)
+
+
+@njit(cache=True, inline="always")
+def minus_sum(modes, first, last, center):
+    """Fill `center` with minus the sum of the modes of the bonds first ... last - 1."""
+    for p in range(len(center)):
+        total = 0.0
+        for b in range(first, last):
+            total += modes[b, p]
+        center[p] = -total
 
 
 @njit(cache=True, **FAST)
@@ -57,13 +69,9 @@ def elements(
         element_state(
             D, data, tangent, f, first, last - first, space, block[first:last], left[first:last], right[first:last]
         )
-        for p in range(len(D) if couples else 0):
-            sum_left, sum_right = 0.0, 0.0
-            for b in range(first, last):
-                sum_left += left[b, p]
-                sum_right += right[b, p]
-            left_center[f, p] = -sum_left
-            right_center[f, p] = -sum_right
+        if couples:
+            minus_sum(left, first, last, left_center[f])
+            minus_sum(right, first, last, right_center[f])
 
 
 @njit(cache=True, **FAST)

@@ -2,7 +2,7 @@
 
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
 
@@ -52,9 +52,11 @@ def table_of_keys(keys: type[Keys], name: str, base: type[Table], **more) -> typ
     fields = {}
     for key, hinted in get_type_hints(keys, include_extras=True).items():
         default = getattr(keys, key, ...)
-        if isinstance(hinted, type) and issubclass(hinted, Keys):
-            hinted = table_of_keys(hinted, hinted.__name__, Table)
-            default = Field(default, validate_default=True)
+        tables = [each for each in get_args(hinted) or (hinted,) if isinstance(each, type) and issubclass(each, Keys)]
+        if tables:
+            optional = hinted is not tables[0]
+            hinted = table_of_keys(tables[0], tables[0].__name__, Table)
+            hinted, default = (hinted | None, None) if optional else (hinted, Field(default, validate_default=True))
         fields[key] = (hinted, default)
     validators = {"check": model_validator(mode="after")(check)}
     return create_model(

@@ -32,6 +32,13 @@ class StepRecord:
     arc_length: float = 0.0
 
 
+STILL = 0.02
+"""Growth of stretches, in critical ones, below which Newton's method is tried again with softening that follows."""
+
+SETTLED = 1e-6
+"""Growth below which softening that stays as it is has settled."""
+
+
 class Overshoot(StepFailed):
     """Bonds are further beyond their critical value than they may be at the end of a load increment."""
 
@@ -103,11 +110,22 @@ class Passes:
     def _until_nothing_fails(self, new: State, record: StepRecord, equilibrium, again: bool, overshoot: float) -> None:
         fracture, a = self._fracture, self.assembler
         a.set_time(new.time)
+        live, growth, still = fracture.softens, 0.0, STILL
         while True:
             before = a.internal_force(new.u), self._carried(new.u)
-            u, time, newton = equilibrium(new, bool(record.passes))
+            if fracture.softens:
+                fracture.set_live(live)
+            try:
+                u, time, newton = equilibrium(new, bool(record.passes))
+            except StepFailed:
+                if not live:
+                    raise
+                live, still = False, still / 4
+                continue
             record.passes.append(newton)
             self._account(new, before, u)
+            if fracture.softens:
+                growth = self._soften(new, u, live)
             new.u, new.time = u, time
             ratio = fracture.ratios(u)
             worst = fracture.worst(ratio)
@@ -115,8 +133,14 @@ class Passes:
                 share = (1 + overshoot / 2 - self._worst) / (worst - self._worst)
                 raise Overshoot(f"a bond is at {worst:.3g} of its critical value", share)
             record.stored, constrained = a.stored_energy(u), a.constrained
-            if fracture.separated or not fracture.fail(u, ratio, new.step):
+            if fracture.separated:
                 break
+            if not fracture.fail(u, ratio, new.step):
+                if live or not fracture.softens or growth < SETTLED:
+                    break
+                live = growth < still
+                continue
+            live = fracture.softens and (live or growth < still)
             if a.mpi.allreduce(int((a.constrained != constrained).sum())):
                 self.newton.tangent.renew_preconditioner()
             whole, record.stored, record.broken = record.stored, a.stored_energy(u), fracture.count
@@ -127,6 +151,17 @@ class Passes:
         self._worst = worst
         record.separated, record.broken = fracture.separated, fracture.count
         record.held = a.mpi.allreduce(int(fracture.held.sum()))
+
+    def _soften(self, state: State, u: np.ndarray, live: bool) -> float:
+        """Take over the stretches of softening bonds at displacements u, and add what that has dissipated on the way
+        from a state, or where it is, to the state; the growth that is left out."""
+        fracture, a = self._fracture, self.assembler
+        places = (state.u, u) if live else (u,)
+        fracture.set_live(False)
+        whole = sum(a.stored_energy(place) for place in places)
+        growth = fracture.soften(u, 0.0 if live else fracture.fraction)
+        state.dissipated += (whole - sum(a.stored_energy(place) for place in places)) / len(places)
+        return growth
 
     def _carried(self, u: np.ndarray) -> np.ndarray:
         """External forces, and on constrained entries what their support carries."""

@@ -19,6 +19,7 @@ from models import (
 )
 from petsc4py import PETSc
 
+from pdpetsc.materials.softening import Softening
 from pdpetsc.solvers.tangent import AssembledTangent, MatrixFreeTangent
 
 pytestmark = pytest.mark.mpi
@@ -195,6 +196,27 @@ def test_action_is_the_assembled_tangent(comm, row, dim):
     diagonal = np.einsum("npp->np", a.diagonal())
     expected = mat.getDiagonal().getArray().reshape(-1, dim)
     assert largest(comm, diagonal - expected) < 1e-13 * largest(comm, expected)
+
+
+@pytest.mark.parametrize("printed", (False, True))
+@pytest.mark.parametrize("name", ("hencky-silling", "ordinary", "bond"))
+def test_tangent_of_bonds_that_soften(comm, name, printed):
+    """Assembled, as an action, and by central differences, with bonds before, in and beyond the range of softening."""
+    p = body(2)
+    a = assembler(p, model(name), held=held, value=affine(1.2 * strong_gradient(2) + 0.2 * np.eye(2)))
+    for material in a.materials:
+        n, bonds = len(material.families), material.families.bonds
+        given = Softening(np.full(n, 0.1), np.full(n, 0.3), 3.0, True, np.zeros(bonds), np.ones(bonds, bool))
+        material.soften(given, printed)
+    u = 1.2 * deformed(p) + 0.2 * p.position[: p.owned]
+    u, v = np.where(a.constrained, a.prescribed, u), random_field(p)
+    mat = a.assemble(u)
+    Kv = product(mat, v)
+    assert largest(comm, a.constrained_action(v) - Kv) < 1e-13 * largest(comm, Kv)
+    v[a.constrained] = 0.0
+    h = 1e-6
+    difference = (a.residual_array(u + h * v) - a.residual_array(u - h * v)) / (2 * h)
+    assert largest(comm, a.constrained_action(v) - difference) < 1e-8 * largest(comm, difference)
 
 
 @pytest.mark.parametrize("dim", (1, 2, 3))
