@@ -93,7 +93,7 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
     try:
         census = take_census(case, effort)
         given, dim = options.given(), case.body.dim
-        choice = choose(dim, census.particles, census.blocks, given)
+        choice = choose(dim, census.particles, census.blocks, given, bool(case.damage))
     except InputError as error:
         raise InputError(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
     materials = census.materials.values()

@@ -114,7 +114,7 @@ class Simulation:
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
         self.fracture = self._fracture(sets) if case.damage else None
-        self.newton = Newton(self.assembler, blocks, definite=solver.control == "load")
+        self.newton = Newton(self.assembler, blocks, solver.control == "load", bool(case.damage))
         self.passes = Passes(self.newton, self.assembler, self.fracture, solver.overshoot, self._passed)
 
     def _constraint(self, state: State, arc_length: float) -> Constraint:

@@ -183,16 +183,17 @@ class Material(Softenable):
         """Go on with the bonds of a mask (bonds,); the others carry nothing and count in no sum of their family. The
         families stay as they are, and with them all that is laid out by them."""
         self.intact = intact
-        self._keep(intact)
-        self._put_softening()
+        self._renew()
 
     @property
     def span(self) -> np.ndarray:
         """lambda_min(K)/lambda_min(K_whole) of each family's shape tensors, of its intact and of all bonds: 1 where it
         is whole, 1/2 beside a straight crack, 0 where its bonds no longer span the space."""
-        if self.intact is None:
-            return np.ones(len(self.families))
-        return np.linalg.eigvalsh(self._part.weighted_moments(self._X, self.intact))[:, 0] / self._whole_shape
+        return np.ones(len(self.families)) if self.intact is None else self._span(self.intact)
+
+    def _span(self, parts: np.ndarray) -> np.ndarray:
+        """The same with these parts of the bonds (bonds,)."""
+        return np.linalg.eigvalsh(self._part.weighted_moments(self._X, parts))[:, 0] / self._whole_shape
 
     @cached_property
     def _whole_shape(self) -> np.ndarray:
@@ -200,6 +201,10 @@ class Material(Softenable):
 
     def _keep(self, intact: np.ndarray) -> None:
         """Make the model's data anew from those of the whole families and a mask of bonds."""
+        raise NotImplementedError
+
+    def _fade(self, parts: np.ndarray) -> None:
+        """The same with parts of the bonds, 0 to 1, that stay as they are."""
         raise NotImplementedError
 
     def transfer(self, r: np.ndarray) -> np.ndarray:

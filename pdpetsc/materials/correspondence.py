@@ -84,7 +84,7 @@ class Correspondence(Material):
     def _keep(self, intact):
         part, whole, dim = self._part, self._whole, self._part.dim
         shape = part.weighted_moments(part.position, intact)
-        s = np.clip((self.span - kernels.FADE[0]) / (kernels.FADE[1] - kernels.FADE[0]), 0, 1)
+        s = np.clip((self._span(intact) - kernels.FADE[0]) / (kernels.FADE[1] - kernels.FADE[0]), 0, 1)
         share = s**2 * (3 - 2 * s)
         shape[share == 0] = np.eye(dim)  # not inverted
         inverse = np.linalg.inv(shape) * (share > 0)[:, None, None]
@@ -96,6 +96,9 @@ class Correspondence(Material):
         )
         self.follows_bonds = bool(rod.any())
         self._mechanics = self._data, self._bonds
+
+    def _fade(self, parts):
+        self._keep(parts)
 
     def _softened(self, softening):
         data, whole, dim = self._data, self._whole, self._part.dim
@@ -110,11 +113,9 @@ class Correspondence(Material):
 
     def _data_at(self, u):
         """Data of the unsoftened model with the weights that its bonds have in a state."""
-        if self._softening is None:
-            return self._data
-        if not self._printed:
+        if isinstance(self._data, SoftenedGradients):
             refresh(self._D, self._data, self._X, *self._bonds, u)
-        return self._data.base
+        return getattr(self._data, "base", self._data)
 
     @classmethod
     def from_case(cls, keys, part):

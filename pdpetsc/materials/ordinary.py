@@ -106,6 +106,11 @@ class Ordinary(Material):
         self._data = self._whole._replace(k=self._whole.k * intact)
         self._fold()
 
+    def _fade(self, parts):
+        self._keep(parts > 0)
+        self._data = self._data._replace(k=self._data.k * parts)
+        self._mechanics = self._data, self._bonds  # not folded, as the tangent is laid out
+
     def _softened(self, softening):
         data = self._data
         return SoftenedExtensions(data._replace(k=np.empty_like(data.k)), data.k, softening), self._tangent

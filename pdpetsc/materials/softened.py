@@ -24,21 +24,15 @@ class Softenable:
             printed: as in seed 004 Eq. 6.2, T on the forces of a bond alone: correspondence models then lose angular
                 momentum, and the energy is that of the bonds before they soften.
         """
-        self._softening, self._printed, self._was_symmetric = softening, printed, self.symmetric
-        self.symmetric = self.symmetric and not self.couples_family  # a spring's force is a function of its length
-        self._unsoftened_tangent = self._tangent
-        if self.intact is None:
-            self._keep(np.ones(self.families.bonds, bool))
-        else:
-            self._keep(self.intact)
+        self._softening, self._printed = softening, printed
+        self._hardened = self._tangent, self.symmetric, self.mode_sizes, self.follows_bonds
         self.__dict__.pop("dual", None)  # of a network that had pairs of springs as one
-        self._put_softening()
+        self._renew()
 
     def set_softening(self, largest: np.ndarray, live: bool) -> None:
         """Go on with these largest committed stretches (bonds,), and T that follows the stretches (`live`) or not."""
         self._softening = self._softening._replace(largest=largest, live=live)
-        self._data = self._data._replace(softening=self._softening)
-        self._mechanics = self._data, self._bonds
+        self._renew()
 
     def integrity(self) -> np.ndarray | None:
         """What is left of each bond (bonds,), mu T of the committed stretches; None where all are whole."""
@@ -48,17 +42,26 @@ class Softenable:
         committed(self._softening, self.families.offsets, factors)
         return factors if self.intact is None else factors * self.intact
 
-    def _put_softening(self) -> None:
-        """Have the data of unsoftened bonds soften."""
-        if self._softening is None:
+    def _renew(self) -> None:
+        """Data of the bonds that are left: as they are, softening with the state, or with the T that they have, which
+        are then weights like others and as quick."""
+        softening, printed = self._softening, self._printed
+        intact = np.ones(self.families.bonds, bool) if self.intact is None else self.intact
+        if softening is None:
+            self._keep(intact)
             return
-        self._tangent = self._unsoftened_tangent
-        if self._printed:
+        self._tangent, self.symmetric, self.mode_sizes, self.follows_bonds = self._hardened
+        if not (softening.live or printed):
+            self._fade(self.integrity())
+            return
+        self._keep(intact)
+        if printed:
             forces = np.empty((self.families.bonds, self._part.dim))
-            self._data = PrintedSoftening(self._data, self._softening, self.linear, self._was_symmetric)
+            self._data = PrintedSoftening(self._data, softening, self.linear, self.symmetric)
             self._tangent = PrintedTangent(self._tangent, forces)
         else:
-            self._data, self._tangent = self._softened(self._softening)
+            self._data, self._tangent = self._softened(softening)
+        self.symmetric = self.symmetric and not self.couples_family  # a spring's force is a function of its length
         self._mechanics = self._data, self._bonds
         self.follows_bonds = True
 

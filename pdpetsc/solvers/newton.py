@@ -98,13 +98,14 @@ class Newton:
         assembler: of the body.
         blocks: about how many the assembled tangent has, by which tangent and solver are chosen.
         definite: whether a symmetric tangent is expected to be positive definite, as before limit points.
+        many: whether there will be hundreds of solutions (`choose`).
     """
 
-    def __init__(self, assembler: Assembler, blocks: float, definite: bool = True):
+    def __init__(self, assembler: Assembler, blocks: float, definite: bool = True, many: bool = False):
         self._assembler = assembler
         self._x, self._d, self._rhs = (assembler.vector() for _ in range(3))
         self.snes = snes = PETSc.SNES().create(assembler.particles.comm)
-        choice = choose(assembler.dim, assembler.particles.count, blocks, options.given())
+        choice = choose(assembler.dim, assembler.particles.count, blocks, options.given(), many)
         self.tangent = tangent(assembler, choice.kind)
         operator, preconditioner = self.tangent.operator, self.tangent.preconditioner
         compact, ranks = choice.kind == "matrix_free", assembler.mpi.size

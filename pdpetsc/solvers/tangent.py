@@ -17,6 +17,10 @@ KINDS = ("assembled", "matrix_free")
 MATRIX_FREE_GAIN = 3
 """The tangent is not assembled where the compact matrix has this many times fewer entries."""
 
+MANY = 10
+"""Where there are many solutions, a direct solver is the default for a tangent this many times smaller: it pays for
+being simple with 5 to 10 times the time of iterations (docs/performance.md)."""
+
 COMPACT_BLOCKS = {1: 3, 2: 9, 3: 19}
 """Blocks in a row of the compact matrix, on lattices."""
 
@@ -134,7 +138,7 @@ class Choice(NamedTuple):
     why: str
 
 
-def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) -> Choice:
+def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str], many: bool = False) -> Choice:
     """As -pd_tangent says, or else as suits the problem: assembled for a direct solver and where neighbours are few,
     matrix-free elsewhere.
 
@@ -143,12 +147,14 @@ def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) ->
         particles: on all ranks.
         blocks: (dim x dim) that the assembled tangent would have, the same on any number of ranks.
         given: PETSc options of the user.
+        many: whether hundreds of solutions are to be expected, as where bonds fail one after the other.
 
     Raises:
         InputError: the option is neither "assembled" nor "matrix_free", or a preconditioner is to solve without a
             matrix.
     """
-    small = blocks * dim**2 <= DIRECT_LIMIT[dim]
+    limit = DIRECT_LIMIT[dim] / (MANY if many else 1)
+    small = blocks * dim**2 <= limit
     if OPTION in given:
         kind, why = given[OPTION] or "", f"as -{OPTION} says"
         if kind not in KINDS:
@@ -156,7 +162,7 @@ def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str]) ->
     elif given.get("pc_type") in DIRECT:
         kind, why = "assembled", f"as -pc_type {given['pc_type']} needs"
     elif "pc_type" not in given and small:
-        kind, why = "assembled", f"for a direct solver, which is the choice up to {DIRECT_LIMIT[dim]:.3g} entries"
+        kind, why = "assembled", f"for a direct solver, which is the choice up to {limit:.3g} entries"
     elif blocks < MATRIX_FREE_GAIN * COMPACT_BLOCKS[dim] * particles:
         kind, why = "assembled", f"since it has less than {MATRIX_FREE_GAIN} times the entries of the compact matrix"
     else:
