@@ -15,6 +15,7 @@ from pdpetsc.assembly import Assembler
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import Families
 from pdpetsc.damage.base import Criterion
+from pdpetsc.damage.stretch import pairs_across
 from pdpetsc.errors import at
 from pdpetsc.opposite import Opposite
 from pdpetsc.particles import Particles
@@ -23,6 +24,10 @@ from pdpetsc.support import loose_pieces, pieces
 TIE = 1e-6
 """Ratios that differ by less, relative to the worst, are the same: rounding and the solver's tolerance, which depend on
 the number of ranks, do not decide which of two symmetric bonds goes."""
+
+OVERLOAD = 2.0
+"""A bond at so many times its critical value fails in the pass, whatever the others do: the load does not wait. So the
+last ligament under a dead load goes at once, before the body is a mechanism."""
 
 WHOLE = 0.01
 """Share of the body's volume from which a piece that is held or loaded is no splinter."""
@@ -143,7 +148,7 @@ class Fracture:
         worst = self.worst(ratio)
         if worst < 1 - TIE:
             return 0
-        failed = ratio >= max(1.0, self.fraction * worst) * (1 - TIE)
+        failed = ratio >= max(1.0, self.fraction * min(worst, OVERLOAD)) * (1 - TIE)
         before = self.count
         self._break(failed, step)
         self._drop_loose_particles(step)
@@ -192,6 +197,14 @@ class Fracture:
         inside = (number < len(heads)) & (heads[np.minimum(number, len(heads) - 1)] == piece) if len(heads) else carries
         volume = np.bincount(number[inside], p.volume[: p.owned][inside], len(heads))
         return int((self._mpi.allreduce(volume) >= WHOLE * self._total).sum())
+
+    @property
+    def crack_area(self) -> float:
+        """Of the cracks that have grown, by the number of their bonds; length times thickness in 2D (collective)."""
+        p, families, bonds = self._assembler.particles, self.families, np.flatnonzero(~self.intact)
+        i, j = families.per_bond(np.arange(p.local))[bonds], families.neighbours[bonds]
+        crossing = pairs_across(p.horizon[i], p.dim, self._assembler.materials[0].thickness)
+        return self._mpi.allreduce(float((p.volume[i] * p.volume[j] / crossing).sum() / 2))
 
     # Softening ----------------------------------------------------------------------------------------------------
 

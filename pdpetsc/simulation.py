@@ -194,7 +194,7 @@ class Simulation:
             self.fracture.commit()
             energies = {
                 "external_work": state.external_work, "stored_energy": record.stored, "dissipated": state.dissipated,
-                "held_particles": record.held,
+                "held_particles": record.held, "crack_area": self.fracture.crack_area,
             }  # fmt: skip
         self.rows.append(
             {
@@ -252,6 +252,7 @@ class Simulation:
             "steps": [{k: v for k, v in row.items() if k != "probes"} for row in self.rows],
             "probes": last["probes"],
             "energies": self._energies(),
+            **({"fracture": self._fracture_measures()} if self.fracture and self.rows else {}),
             "balance": recovery.balance(),
             "timings": {s: mpi.allreduce(self.timings.seconds[s], MPI.MAX) for s in stages},
             "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
@@ -272,6 +273,17 @@ class Simulation:
             done, gone = self.state.external_work, self.state.dissipated
             energies |= {"external_work": done, "dissipated": gone, "imbalance": done - gone - energies["stored"]}
         return energies
+
+    def _fracture_measures(self) -> dict:
+        """What became of the bonds over all steps."""
+        last, failing = self.rows[-1], [row for row in self.rows if row["broken_bonds"]]
+        return {
+            **{key: last[key] for key in ("broken_bonds", "crack_area", "held_particles")},
+            "first_failure": failing[0]["time"] if failing else None,
+            "passes": sum(row["passes"] for row in self.rows),
+            "most_newton_iterations": max(row["most_newton_iterations"] for row in self.rows),
+            "separated": int(self.fracture.separated),
+        }
 
     def _choices(self) -> dict:
         mpi, materials = self.comm.tompi4py(), {}

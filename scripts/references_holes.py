@@ -18,6 +18,7 @@ DEGREE = 8
 CORNER = 0.05  # size of the elements at the plate's corner, where the stress goes like r^1.74, before division
 ELLIPTIC = {"half_width": 0.25, "a": 0.05, "b": [0.006, 0.005], "E": 200e9, "nu": 0.3, "S": 10e6}
 CIRCULAR = {"half_width": 0.25, "a": 0.05, "E": 200e9, "nu": 1 / 3, "S": 200e6}
+PULLED = {"half_width": 0.075, "half_height": 0.025, "a": 0.01, "E": 210e9, "nu": 0.33, "pull": 1e-4}
 KIRSCH = {"a_over_W": [0.02, 0.05, 0.1, 0.2], "strip_a_over_W": [0.1, 0.2, 0.3, 0.4, 0.5], "strip_height": 4.0}
 STRESSES = ("sxx", "syy", "sxy")
 
@@ -98,8 +99,8 @@ class Plate:
         return np.log(0.5 * (k + np.sqrt(k**2 - 4 * self.m * np.where(right, 1.0, -1.0))))
 
     @cached_property
-    def factor(self):
-        """Factorised stiffness of the free degrees of freedom (node by node, u_x then u_y), and these."""
+    def stiffness(self):
+        """Of all degrees of freedom, node by node, u_x then u_y."""
         p = self.degree
         point, weight = legendre.leggauss(p + 2)
         value, slope = basis_at(p, point)
@@ -120,11 +121,31 @@ class Plate:
         dofs = (2 * nodes[..., None] + np.arange(2)).reshape(len(nodes), -1).astype(np.int32)
         size = dofs.shape[1]
         where = (np.repeat(dofs, size, axis=1).ravel(), np.tile(dofs, (1, size)).ravel())
+        size = 2 * self.xy[0].size
+        return csc_matrix((K.ravel(), where), shape=(size, size))
+
+    @cached_property
+    def on_axes(self):
+        """Mask (nodes across, nodes around, 2) of what symmetry holds."""
         held = np.zeros((*self.shape, 2), bool)
         held[:, 0, 1] = held[:, -1, 0] = True
-        free = np.flatnonzero(~held)
-        K = csc_matrix((K.ravel(), where), shape=(held.size, held.size))[free][:, free]
-        return splu(K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}), free
+        return held
+
+    @cached_property
+    def factor(self):
+        """Factorised stiffness of the degrees of freedom that are free under tractions, and these."""
+        free = np.flatnonzero(~self.on_axes)
+        return factorised(self.stiffness[free][:, free]), free
+
+    def pull(self, displacement):
+        """Displacement where the edge x = width is moved along x by `displacement` and held along y."""
+        held, u = self.on_axes.copy(), np.zeros((*self.shape, 2))
+        edge = self._nodes(self.theta) <= self.corner * (1 + 1e-12)
+        held[-1, edge] = True
+        u[-1, edge, 0] = displacement
+        free, u = np.flatnonzero(~held), u.ravel()
+        u[free] = factorised(self.stiffness[free][:, free]).solve(-(self.stiffness @ u)[free])
+        return u.reshape(*self.shape, 2)
 
     def solve(self, outer=None, hole=None):
         """Displacement (nodes across, nodes around, 2) under the tractions of a stress on the outer edge or the hole.
@@ -214,6 +235,11 @@ class Plate:
         return content
 
 
+def factorised(K):
+    """A symmetric sparse matrix, for `solve`."""
+    return splu(K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
 def relative(coarse, fine):
     """Largest difference over largest value, two digits."""
     return float(f"{np.abs(np.subtract(coarse, fine)).max() / np.abs(fine).max():.1e}")
@@ -270,6 +296,22 @@ def circular(meshes):
     )
     hole = {"a": p["a"], "b": p["a"], **quality, "lines": samples, "grid": plate.grid(u)}
     return {"problem": "square plate with a circular hole, seed 003 5.3", "parameters": p, "holes": {"b=0.05": hole}}
+
+
+def pulled(meshes):
+    """Seed 004, section 6.3.1: plane strain, the ends moved along x and held along y; u_x beside the hole on the long
+    axis and on the long edge."""
+    p = PULLED
+    E, nu = p["E"] / (1 - p["nu"] ** 2), p["nu"] / (1 - p["nu"])  # plane stress with these is plane strain
+    x, edge, lines = np.linspace(p["a"], p["half_width"], 14), np.linspace(0, p["half_width"], 6), []
+    for elements in meshes:
+        plate = Plate(p["a"], p["a"], p["half_width"], p["half_height"], E, nu, elements)
+        u = plate.pull(p["pull"])
+        lines.append({"axis": plate.at(u, x, 0.0)["ux"], "edge": plate.at(u, edge, p["half_height"])["ux"]})
+        print(f"pulled, {elements}: {lines[-1]['axis'][0]:.6g}", flush=True)
+    error = {name: relative(lines[-2][name], lines[-1][name]) for name in lines[-1]}
+    problem = "plate with a circular hole whose ends are pulled, seed 004 6.3.1"
+    return {"problem": problem, "parameters": p, "x_axis": x, "x_edge": edge, "ux": lines[-1], "error": error}
 
 
 def kirsch(meshes):

@@ -8,6 +8,7 @@ from pdpetsc.damage.base import Criterion, Critical, Positive, per_family, value
 from pdpetsc.errors import InputError
 from pdpetsc.influence import influence_moment
 from pdpetsc.materials.base import Keys, Material
+from pdpetsc.materials.ordinary import SPHERE
 from pdpetsc.materials.softening import Softening
 
 MEAN_COSINE = {1: 1.0, 2: 2 / np.pi, 3: 0.5}
@@ -79,6 +80,12 @@ def _softened_critical(brittle: np.ndarray, keys: SofteningKeys) -> np.ndarray:
     a, b = keys.s_min * weight.sum() / 2, (weight * (x + 1)).sum() / 4
     rest = (brittle**2 - keys.s_min**2) / 2
     return keys.s_min + (np.sqrt(a**2 + 4 * b * rest) - a) / (2 * b)
+
+
+def pairs_across(horizon: np.ndarray, dim: int, thickness: float) -> np.ndarray:
+    """Pairs of volumes within a horizon whose bond crosses a plane, per area: sum V_i V_j = a S delta^(n+1)/(2 (n+1)),
+    the integral of |xi . n| over half a horizon; S = 2 A, 2 pi h, 4 pi. A crack's area is that of its broken pairs."""
+    return MEAN_COSINE[dim] * SPHERE[dim] * thickness * horizon ** (dim + 1) / (2 * (dim + 1))
 
 
 def stretch_of_release_rate(material: Material, release_rate: float, horizon: np.ndarray) -> np.ndarray:

@@ -145,7 +145,7 @@ class Material(Softenable):
         plane: Plane = "strain",
     ):  # fmt: skip
         self.families, self.lame, self.shear, self.plane = part.families, lame, shear, plane
-        self.interior = part.interior
+        self.interior, self.thickness = part.interior, part.thickness
         self._part, self._data, self._tangent = part, data, tangent
         self._D = dimension(part.dim)
         self._X, self._volume = part.position, part.volume
