@@ -125,6 +125,7 @@ def short_wave_inverse(assembler: Assembler) -> np.ndarray:
     """1/D: a share of the inverse diagonal blocks (symmetric part) of the tangent of the last `linearise`, without
     constrained entries, (owned, dim, dim)."""
     blocks = assembler.diagonal()
+    blocks[~np.isfinite(blocks).all(axis=(1, 2))] = np.eye(assembler.dim)  # the residual there is not finite either
     values, vectors = np.linalg.eigh((blocks + blocks.transpose(0, 2, 1)) / 2)
     floor = SMALLEST_STIFFNESS * np.abs(values).max(axis=1, initial=0.0, keepdims=True)
     values = SHARE / np.maximum(np.abs(values), floor)

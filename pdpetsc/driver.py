@@ -58,7 +58,7 @@ def restart(directory: Path, quiet: bool = False) -> int:
         case = Case.from_document(**kept)
     simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
     simulation.go_on_from(read_state(directory, simulation.particles), rows, read_damaged(directory))
-    if simulation.schedule.finished(simulation.state.time):
+    if simulation.ended:
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)
 

@@ -101,11 +101,15 @@ class Recovery:
 
     @cached_property
     def strain(self) -> np.ndarray:
-        """Logarithmic strain 1/2 ln(F F^T), (owned, 3, 3)."""
+        """Logarithmic strain 1/2 ln(F F^T), (owned, 3, 3); NaN where F is not finite, as in a shattered family."""
         H = self.displacement_gradient
         T = H.transpose(0, 2, 1)
-        values, vectors = np.linalg.eigh(H + T + H @ T)
-        return np.einsum("npa,na,nqa->npq", vectors, 0.5 * np.log1p(values), vectors)
+        square = H + T + H @ T
+        finite = np.isfinite(square).all(axis=(1, 2))
+        values, vectors = np.linalg.eigh(square[finite])
+        strain = np.full_like(H, np.nan)
+        strain[finite] = np.einsum("npa,na,nqa->npq", vectors, 0.5 * np.log1p(np.maximum(values, -1.0)), vectors)
+        return strain
 
     @cached_property
     def family_energy(self) -> np.ndarray:

@@ -142,6 +142,16 @@ class Simulation:
             return {}
         return {"broken_bonds": self.fracture.broken(), "softened_bonds": self.fracture.softened()}
 
+    @property
+    def ended(self) -> bool:
+        """Whether nothing is left to be done: the end is reached, or the body has come apart."""
+        return self.separated or self.schedule.finished(self.state.time)
+
+    @property
+    def separated(self) -> bool:
+        """Whether the body has come apart."""
+        return self.fracture is not None and self.fracture.separated
+
     def go_on_from(self, state: State, rows: list[dict], damaged: dict[str, np.ndarray]) -> None:
         """Continue an earlier run at its last state (collective)."""
         self.state, self.rows = state, rows
@@ -167,7 +177,9 @@ class Simulation:
             observer.start(self)
         status, failure = "not_converged", None
         try:
-            if self.case.solver.control == "load":
+            if self.separated:  # in an earlier run
+                status = "separated"
+            elif self.case.solver.control == "load":
                 status = march(self.passes, self.state, self.schedule, self._commit, self._failed)
             else:
                 status = follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)

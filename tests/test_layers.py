@@ -33,7 +33,7 @@ LAYERS = (
     ("compact", "fracture"),
     ("solvers", "recover", "adapt"),
     ("probes", "sections", "j_integral", "expectations", "observers", "io"),
-    ("schema", "case", "census", "prediction", "simulation", "driver", "cli", "__main__"),
+    ("schema", "case", "census", "prediction", "building", "simulation", "driver", "cli", "__main__"),
 )
 LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
 

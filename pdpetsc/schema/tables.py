@@ -231,7 +231,7 @@ class Solver(Table):
         if self.min_step and self.max_step and self.min_step > self.max_step:
             raise ValueError(f"min_step = {self.min_step} is greater than max_step = {self.max_step}")
         if self.control == "load" and "max_steps" in self.model_fields_set:
-            raise error_at("max_steps", 'goes with control = "arc_length"')
+            raise error_at("max_steps", 'goes with control = "arc_length" and "failure"')
         return self
 
 
@@ -261,6 +261,13 @@ def of_known_materials(damage: dict, info: ValidationInfo) -> dict:
                 name, f"there is no material {name!r}{hint(name, materials)}; choices: {', '.join(materials)}"
             )
     return damage
+
+
+def of_failing_bonds(solver: Solver, info: ValidationInfo) -> Solver:
+    """The path from one failing bond to the next needs bonds that fail."""
+    if solver.control == "failure" and info.data.get("damage", True) == {}:
+        raise error_at("control", 'is "failure", but no bond can fail; add a table [damage.NAME] for a material')
+    return solver
 
 
 def of_numbers(output: Output, info: ValidationInfo) -> Output:
@@ -294,7 +301,7 @@ class Description(Table):
     material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
     damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
-    solver: Solver = Solver()
+    solver: Annotated[Solver, AfterValidator(of_failing_bonds)] = Solver()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()

@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 from pdpetsc.assembly import Assembler
 from pdpetsc.fracture import Fracture
-from pdpetsc.solvers.newton import StepFailed
 from pdpetsc.state import State
 
 DIFFERENCE = 1e-5
@@ -21,7 +20,8 @@ class Constraint(Protocol):
     g is a pure number: 0 where the step ends, and of the order of 1 in size where it begins.
 
     Attributes:
-        again: whether a step in which bonds fail is solved again under the same constraint.
+        again: whether a step in which bonds fail is solved again under the same constraint; if not, the next one begins
+            with breaking them.
     """
 
     again: bool
@@ -30,7 +30,7 @@ class Constraint(Protocol):
         """g at owned displacements, and its change by owned changes of them; the same on every rank (collective)."""
 
     def predict(self, u: np.ndarray, rate: np.ndarray) -> float:
-        """The change of t that the predictor makes (collective).
+        """The change of t that the predictor makes, inf where nothing ends the step (collective).
 
         Args:
             u: (owned, dim) displacements of the equilibrium where the step begins.
@@ -79,7 +79,8 @@ class ArcLength:
 
 class Failure:
     """The load at which the next bond fails: g is the largest ratio d/d_c of the bonds that are left, less 1. The step
-    ends there and the bond breaks; t goes back where it must, so that a snap-back is traced event by event.
+    ends there, and the next one begins with breaking it; t goes back where it must, so that a snap-back is traced event
+    by event.
 
     Args:
         assembler: of the body.
@@ -111,10 +112,7 @@ class Failure:
         slope = (self._fracture.ratios(u + h * rate) - ratio) / h
         rising = slope > 0.0
         first = float(((1.0 - ratio[rising]) / slope[rising]).min(initial=np.inf))
-        dt = self._assembler.mpi.allreduce(first, MPI.MIN)
-        if not np.isfinite(dt):
-            raise StepFailed("no bond is stretched by the loads")
-        return dt
+        return self._assembler.mpi.allreduce(first, MPI.MIN)
 
     def turned_back(self, move: np.ndarray, direction: np.ndarray) -> bool:
         """As in `Constraint`: bonds fail whichever way t goes."""

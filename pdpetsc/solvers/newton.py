@@ -184,8 +184,10 @@ class Newton:
         self._before = self._unbalanced = self.norm(np.where(a.constrained, 0.0, rhs))
         longest = a.mpi.allreduce(float(np.abs(jump).max(initial=0.0)), MPI.MAX)
         reduction = min(LARGEST_FORCING, SMALLEST_ERROR * a.spacing / longest) if longest else LARGEST_FORCING
+        self.guess = u
         guess = u + self.solve_linear(np.where(a.constrained, a.constraint_scale * jump, rhs), reduction)
-        self._x.getArray()[...] = np.where(a.constrained, a.prescribed, guess).ravel()
+        self.guess = np.where(a.constrained, a.prescribed, guess)
+        self._x.getArray()[...] = self.guess.ravel()
 
     def norm(self, field: np.ndarray) -> float:
         """Euclidean norm of an owned field (collective)."""

@@ -60,7 +60,6 @@ class Passes:
     ):  # fmt: skip
         self.newton, self.assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
         self._passed = passed
-        self._worst = 0.0  # ratio at the last state
 
     def advance(self, state: State, time: float, last: bool) -> tuple[State, StepRecord]:
         """The next state, at `time`.
@@ -73,12 +72,16 @@ class Passes:
         Raises:
             StepFailed: there is no equilibrium, or an overshoot; what failed on the way is taken back.
         """
+        return self.solve(state, self._at(time), overshoot=np.inf if last else self._overshoot)
 
-        def equilibrium(new: State, near: bool):
+    def _at(self, time: float) -> Callable[[State, bool], tuple]:
+        """What finds the equilibrium at a time."""
+
+        def equilibrium(new: State, near: bool) -> tuple[np.ndarray, float, NewtonRecord]:
             u, record = self.newton.advance(new.u, time, near)
             return u, time, record
 
-        return self.solve(state, equilibrium, overshoot=np.inf if last else self._overshoot)
+        return equilibrium
 
     def solve(
         self, state: State, equilibrium: Callable[[State, bool], tuple], again: bool = True, overshoot: float = np.inf
@@ -89,7 +92,8 @@ class Passes:
             state: the last one; it stays as it is.
             equilibrium: gives displacements, time and NewtonRecord from the state so far, and whether that is near
                 because nothing but bonds has changed.
-            again: whether it is looked for again when bonds have failed, or the next step begins with that.
+            again: whether bonds that fail in it are broken and it is looked for again; if not, the step begins with
+                breaking what is critical.
             overshoot: what is allowed to the first pass.
 
         Raises:
@@ -101,56 +105,70 @@ class Passes:
             record.passes.append(newton)
             return new, record
         try:
-            self._until_nothing_fails(new, record, equilibrium, again, overshoot)
+            self._until_nothing_fails(state, new, record, equilibrium, again, overshoot)
         except StepFailed:
             self._fracture.roll_back(state.u)
             raise
         return new, record
 
-    def _until_nothing_fails(self, new: State, record: StepRecord, equilibrium, again: bool, overshoot: float) -> None:
+    def _until_nothing_fails(
+        self, state: State, new: State, record: StepRecord, equilibrium, again: bool, overshoot: float
+    ) -> None:
         fracture, a = self._fracture, self.assembler
         a.set_time(new.time)
-        live, growth, still = fracture.softens, 0.0, STILL
+        live, growth, still, near = fracture.softens, 0.0, STILL, False
+        if not again and self._fail(new, fracture.ratios(new.u), record) and fracture.separated:
+            equilibrium, near = self._at(new.time), True
         while True:
             before = a.internal_force(new.u), self._carried(new.u)
             if fracture.softens:
                 fracture.set_live(live)
             try:
-                u, time, newton = equilibrium(new, bool(record.passes))
+                u, time, newton = equilibrium(new, near or bool(record.passes))
             except StepFailed:
-                if not live:
+                if live:
+                    live, still = False, still / 4
+                elif not (again and record.passes and self._fail(new, fracture.ratios(self.newton.guess), record)):
                     raise
-                live, still = False, still / 4
                 continue
             record.passes.append(newton)
             self._account(new, before, u)
             if fracture.softens:
                 growth = self._soften(new, u, live)
             new.u, new.time = u, time
+            if fracture.separated or not again:
+                break
             ratio = fracture.ratios(u)
             worst = fracture.worst(ratio)
             if len(record.passes) == 1 and worst > 1 + overshoot:
-                share = (1 + overshoot / 2 - self._worst) / (worst - self._worst)
+                last = fracture.worst(fracture.ratios(state.u))
+                share = (1 + overshoot / 2 - last) / (worst - last)
                 raise Overshoot(f"a bond is at {worst:.3g} of its critical value", share)
-            record.stored, constrained = a.stored_energy(u), a.constrained
-            if fracture.separated:
+            if self._fail(new, ratio, record):
+                live = fracture.softens and (live or growth < still)
+            elif live or not fracture.softens or growth < SETTLED:
                 break
-            if not fracture.fail(u, ratio, new.step):
-                if live or not fracture.softens or growth < SETTLED:
-                    break
+            else:
                 live = growth < still
-                continue
-            live = fracture.softens and (live or growth < still)
-            if a.mpi.allreduce(int((a.constrained != constrained).sum())):
-                self.newton.tangent.renew_preconditioner()
-            whole, record.stored, record.broken = record.stored, a.stored_energy(u), fracture.count
-            new.dissipated += whole - record.stored
-            self._passed(record)
-            if not again:
-                break
-        self._worst = worst
-        record.separated, record.broken = fracture.separated, fracture.count
+        record.stored, record.separated, record.broken = a.stored_energy(new.u), fracture.separated, fracture.count
         record.held = a.mpi.allreduce(int(fracture.held.sum()))
+
+    def _fail(self, state: State, ratio: np.ndarray, record: StepRecord) -> bool:
+        """Break what is critical by these ratios, and add what that dissipates to the state; whether there was any.
+
+        The ratios are those of the state, or of the predictor from there where no equilibrium is near: under a load
+        that the body can no longer carry, cracks run on.
+        """
+        fracture, a = self._fracture, self.assembler
+        whole, constrained = a.stored_energy(state.u), a.constrained
+        if not fracture.fail(state.u, ratio, state.step):
+            return False
+        if a.mpi.allreduce(int((a.constrained != constrained).sum())):
+            self.newton.tangent.renew_preconditioner()
+        state.dissipated += whole - a.stored_energy(state.u)
+        record.broken = fracture.count
+        self._passed(record)
+        return True
 
     def _soften(self, state: State, u: np.ndarray, live: bool) -> float:
         """Take over the stretches of softening bonds at displacements u, and add what that has dissipated on the way

@@ -84,12 +84,12 @@ class Path:
             u, t = u + du, t + dt
         raise newton.failure(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
 
-    def step(self, state: State, bound: Constraint, rate: np.ndarray, schedule: Schedule) -> Callable:
+    def step(self, state: State, bound: Constraint, schedule: Schedule) -> Callable:
         """What finds the equilibrium of a step for `Passes.solve`: from the state, and where bonds have failed since,
         from where it has come to.
 
         Args:
-            state, rate: where the step begins, and du/dt of the path there.
+            state: where the step begins.
             bound: where it ends.
             schedule: whose end is met exactly, by load control.
         """
@@ -101,11 +101,13 @@ class Path:
                 with newton.recording() as record:
                     return *self.solve(new.u, new.time, bound), record
             with newton.recording() as record:
+                rate = self.rate(state.u, state.time)
                 u, dt = self.predict(state, bound, rate)
-                self.tried = state.time + dt
-                u, t = self.solve(u, self.tried, bound)
-                if bound.turned_back(u - state.u, dt * rate):
-                    raise StepFailed("the path turned back")
+                self.tried = t = state.time + dt if np.isfinite(dt) else schedule.end
+                if np.isfinite(dt):
+                    u, t = self.solve(u, t, bound)
+                    if bound.turned_back(u - state.u, dt * rate):
+                        raise StepFailed("the path turned back")
             if schedule.finished(t):
                 return _land(newton, state, u, t, schedule.end, record)
             return u, t, record
@@ -127,15 +129,16 @@ class Path:
         return du_I + dt * du_II, dt
 
     def predict(self, state: State, bound: Constraint, rate: np.ndarray) -> tuple[np.ndarray, float]:
-        """Displacements to begin with, and the change of t: from the state along the rate of the path there. Where
-        bonds have failed in that state, its equilibrium without them comes first (collective)."""
+        """Displacements to begin with, and the change of t: from the state along the rate of the path there, to the end
+        where that is inf. Where bonds have failed in that state, its equilibrium without them comes first
+        (collective)."""
         a, newton = self._assembler, self._newton
         u = state.u
         if not bound.again:
             u = u + newton.solve_linear(np.where(a.constrained, 0.0, -a.unbalanced_force(u)))
         newton.record.newton_iterations = 1
         dt = bound.predict(u, rate)
-        return u + dt * rate, dt
+        return u + (dt if np.isfinite(dt) else self._end - state.time) * rate, dt
 
 
 def follow(
@@ -150,7 +153,7 @@ def follow(
 
     Step sizes are in time, as of load steps; times the speed |du/dt| with which the path begins they are arc lengths.
     The step that comes to the end of the schedule, or beyond it, ends there by load control. Where bonds fail in a
-    step, it is solved again under the same constraint, or the next one goes on from there (`Constraint.again`).
+    step, it is solved again under the same constraint, or the next one begins with them (`Constraint.again`).
 
     Args:
         passes, state, schedule, commit, failed: as of `march`.
@@ -172,12 +175,11 @@ def follow(
         size = min(state.step_size or schedule.nominal, schedule.largest)
         try:
             with newton.recording():
-                rate = path.rate(state.u, state.time)
-                speed = state.speed or arc(assembler, rate)
+                speed = state.speed or arc(assembler, path.rate(state.u, state.time))
             if not speed > 0.0:
                 raise StepFailed("the loads move nothing there")
             bound = constraint(state, speed * size)
-            new, record = passes.solve(state, path.step(state, bound, rate, schedule), again=bound.again)
+            new, record = passes.solve(state, path.step(state, bound, schedule), again=bound.again)
         except StepFailed as failure:
             size /= 2
             if not schedule.adaptive or size < schedule.smallest:

@@ -44,7 +44,7 @@ def broken(document: dict, comm) -> np.ndarray:
     """(n, 3) ids of both ends and step of all bonds that fail, in order."""
     simulation = Simulation(Case.from_document(document, "plate", None, "plate.toml", False), comm)
     simulation.solve()
-    lists = comm.tompi4py().allgather(simulation.broken)
+    lists = comm.tompi4py().allgather(simulation.fracture.broken())
     return np.array(sorted(map(tuple, np.concatenate(lists))))
 
 
