@@ -292,6 +292,7 @@ class Simulation:
         return {
             **{key: last[key] for key in ("broken_bonds", "crack_area", "held_particles")},
             "first_failure": failing[0]["time"] if failing else None,
+            "failure_time": last["time"] if self.separated else None,
             "passes": sum(row["passes"] for row in self.rows),
             "most_newton_iterations": max(row["most_newton_iterations"] for row in self.rows),
             "separated": int(self.fracture.separated),
