@@ -12,11 +12,12 @@ import numpy as np
 from mpi4py import MPI
 
 from pdpetsc.assembly import Assembler
+from pdpetsc.body.cracks import cut_bonds
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import Families
 from pdpetsc.damage.base import Criterion
 from pdpetsc.damage.stretch import pairs_across
-from pdpetsc.errors import at
+from pdpetsc.errors import InputError, at
 from pdpetsc.opposite import Opposite
 from pdpetsc.particles import Particles
 from pdpetsc.support import loose_pieces, pieces
@@ -42,12 +43,14 @@ class Rule:
         exempt: mask of the owned and ghost particles whose bonds never fail.
         independent: whether the two directions of a pair fail each by itself.
         softening: keys of bonds that fade before they fail, or None.
+        along: mask of the body's bonds that may fail if they are the material's; None: all.
     """
 
     criterion: Criterion
     exempt: np.ndarray
     independent: bool = False
     softening: Any = None
+    along: np.ndarray | None = None
 
 
 class Fracture:
@@ -74,9 +77,12 @@ class Fracture:
         of_bond = families.per_bond(material_of)
         self._bonds = [np.flatnonzero(of_bond == m) for m in range(len(rules))]
         self._exempt = np.zeros(families.bonds, bool)
-        for rule in rules:
+        for rule, bonds in zip(rules, self._bonds):
             if rule is not None:
                 self._exempt |= rule.exempt[families.neighbours] | families.per_bond(rule.exempt)
+                if rule.along is not None:
+                    self._exempt[bonds] |= ~rule.along[bonds]
+        self._exempt |= self._opposite(self._exempt.astype(float)) > 0  # where two materials meet
         self.largest = np.zeros(families.bonds)
         """Largest stretch of each bond that softens, in critical stretches of its direction, by the last pass."""
         self._fading = [(m, rule) for m, rule in enumerate(rules) if rule is not None and rule.softening]
@@ -295,11 +301,11 @@ class Fracture:
         self.commit()
 
 
-def rules_of(case, particles: Particles, materials: list, sets: Sets) -> list[Rule | None]:
+def rules_of(case, particles: Particles, families: Families, materials: list, sets: Sets) -> list[Rule | None]:
     """The rules of a case's `[damage.NAME]` tables, one for each material (collective).
 
     Raises:
-        InputError: a criterion is not defined for its material, or an exempt set is empty.
+        InputError: a criterion is not defined for its material, an exempt set is empty, or nothing may fail.
     """
     rules = []
     for name, material in zip(case.material, materials):
@@ -313,5 +319,16 @@ def rules_of(case, particles: Particles, materials: list, sets: Sets) -> list[Ru
             for set_name in keys.exempt:
                 exempt[: particles.owned] += sets[set_name]
             softening = getattr(keys, "softening", None)
-            rules.append(Rule(criterion, particles.exchange.forward(exempt) > 0, keys.independent, softening))
+            along = _along(keys.along, particles, families, f"damage.{name}.along") if keys.along else None
+            exempt = particles.exchange.forward(exempt) > 0
+            rules.append(Rule(criterion, exempt, keys.independent, softening, along))
     return rules
+
+
+def _along(sheets: tuple, particles: Particles, families: Families, place: str) -> np.ndarray:
+    """Which bonds meet one of these points, lines or polygons."""
+    p = particles
+    met = cut_bonds(families, p.position, p.id, [sheet.vertices for sheet in sheets], place).any(axis=0)
+    if not p.comm.tompi4py().allreduce(int(met.sum())):
+        raise InputError("along: meets no bond; does it lie in the body, in the same unit of length?")
+    return met

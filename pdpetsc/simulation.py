@@ -127,7 +127,7 @@ class Simulation:
         p, members = self.particles, np.zeros(self.particles.owned, int)
         for number, material in enumerate(self.materials):
             members[material.families.center] = number
-        rules = rules_of(self.case, p, self.materials, sets)
+        rules = rules_of(self.case, p, self.families, self.materials, sets)
         return Fracture(self.assembler, self.families, rules, self.case.solver.bonds_per_pass, members)
 
     @cached_property
@@ -263,6 +263,7 @@ class Simulation:
             "choices": self._choices(),
             "steps": [{k: v for k, v in row.items() if k != "probes"} for row in self.rows],
             "probes": last["probes"],
+            "extremes": self._extremes(),
             "energies": self._energies(),
             **({"fracture": self._fracture_measures()} if self.fracture and self.rows else {}),
             "balance": recovery.balance(),
@@ -276,6 +277,13 @@ class Simulation:
         summary["expect"] = expectations.check(summary, case.expect)
         summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
         return summary
+
+    def _extremes(self) -> dict:
+        """The smallest and the largest value of each probe that is a single number, over all steps."""
+        last = self.rows[-1]["probes"] if self.rows else {}
+        numbers = [name for name, value in last.items() if isinstance(value, float)]
+        values = {name: [row["probes"][name] for row in self.rows] for name in numbers}
+        return {name: {"min": min(of), "max": max(of)} for name, of in values.items()}
 
     def _energies(self) -> dict:
         """Stored; and where bonds may fail what was done by loads and supports, what broken bonds have taken, and what

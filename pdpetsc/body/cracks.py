@@ -31,7 +31,9 @@ class Sheet(NamedTuple):
     corners: np.ndarray
 
 
-def cut_bonds(families: Families, position: np.ndarray, ids: np.ndarray, cracks: list) -> np.ndarray:
+def cut_bonds(
+    families: Families, position: np.ndarray, ids: np.ndarray, cracks: list, place: str = "body.cracks"
+) -> np.ndarray:
     """Which bonds each crack cuts: those whose segment X_i X_j meets it, but for bonds that lie in its own plane.
 
     A bond is always looked at from its end with the lower id, so that i -> j and j -> i agree on any rank. A particle
@@ -41,6 +43,7 @@ def cut_bonds(families: Families, position: np.ndarray, ids: np.ndarray, cracks:
         families: of any particles.
         position, ids: of all local particles.
         cracks: the vertices of each: one point in 1D, two in 2D, the corners of a plane polygon, convex or not, in 3D.
+        place: of the cracks in the case, for errors.
 
     Returns:
         Masks of the bonds, (cracks, bonds).
@@ -50,7 +53,7 @@ def cut_bonds(families: Families, position: np.ndarray, ids: np.ndarray, cracks:
     """
     cut = np.zeros((len(cracks), families.bonds), bool)
     for number, vertices in enumerate(cracks):
-        sheet = _sheet(np.array(vertices, float), position.shape[1], f"body.cracks.{number}")
+        sheet = _sheet(np.array(vertices, float), position.shape[1], f"{place}.{number}")
         _cut(families.center, families.offsets, families.neighbours, position, ids, sheet, cut[number])
     return cut
 

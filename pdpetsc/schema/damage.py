@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, PlainValidator, Strict
 import pdpetsc.damage  # noqa: F401  fills Criterion.criteria
 from pdpetsc.damage.base import Criterion
 from pdpetsc.expressions import hint
+from pdpetsc.schema.crack import Crack
 from pdpetsc.schema.materials import table_of_keys
 from pdpetsc.schema.table import Table, error_at
 from pdpetsc.schema.values import SetName
@@ -20,6 +21,7 @@ class AnyDamage(Table):
     criterion: str
     exempt: Annotated[tuple[SetName, ...], Strict(False)] = ()
     independent: bool = False
+    along: Annotated[tuple[Crack, ...], Strict(False), Field(min_length=1)] | None = None
 
 
 TABLES = {

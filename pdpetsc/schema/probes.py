@@ -126,7 +126,7 @@ class Expect(Table):
 
 SUMMARY = (
     "probes", "steps", "energies", "fracture", "balance", "particles", "bonds", "limit_points", "timings",
-    "peak_memory_mb",
+    "peak_memory_mb", "extremes",
 )  # fmt: skip
 """Entries of summary.json that hold numbers."""
 HISTORY = (
@@ -155,7 +155,7 @@ def of_known_probes(expectations: tuple[Expect, ...], info: ValidationInfo) -> t
         if head not in SUMMARY:
             choices = f"choices begin with {', '.join(SUMMARY)}"
             raise ValueError(f"{expectation.value!r} names nothing in summary.json{hint(head, SUMMARY)}; {choices}")
-        if head == "probes" and name.partition(".")[0] not in names:
+        if head in ("probes", "extremes") and name.partition(".")[0] not in names:
             choices = f"choices: {', '.join(names) or 'none'}"
             raise ValueError(f"{expectation.value!r} names no probe{hint(name, names)}; {choices}")
     return expectations
