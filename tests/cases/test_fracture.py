@@ -67,7 +67,7 @@ def test_a_body_that_comes_apart(comm, run):
         first, end = (file[f"{step['step']:05d}/damage"][...] for step in (summary["steps"][0], last))
     assert not first.any() and end.max() == summary["probes"]["damage"] and end.min() == 0.0
     with h5py.File(result.out / "checkpoint.h5", "r") as file:
-        assert file["broken_bonds"].shape == (last["broken_bonds"], 3)
+        assert file["damaged/broken_bonds"].shape == (last["broken_bonds"], 3)
 
 
 def test_restart_where_a_body_has_come_apart(comm, run, capsys):
@@ -136,7 +136,9 @@ def test_failure_by_failure(run, model):
     assert result.code == 0, result.errors
     steps = result.summary["steps"]
     assert result.summary["status"] == "separated" and result.summary["choices"]["control"] == "failure"
-    assert all(step["passes"] == 1 and step["broken_bonds"] > 0 for step in steps)
+    assert all(step["passes"] == 1 for step in steps)
+    broken = [step["broken_bonds"] for step in steps]
+    assert broken[0] == 0 and all(np.diff(broken) > 0), "each step begins with what the last one brought to its end"
     for step in steps:
         missing = step["external_work"] - step["stored_energy"] - step["dissipated"]
         assert abs(missing) < 0.01 * step["external_work"]
@@ -150,7 +152,7 @@ def test_failure_by_failure_until_no_bond_can_fail(run):
     assert result.code == 0, result.errors
     assert result.summary["status"] == "converged" and result.summary["steps"][-1]["time"] == 1.0
     before, end = result.summary["steps"][-2:]
-    assert before["time"] < 1.0 and before["broken_bonds"] == end["broken_bonds"] > 0
+    assert before["time"] < 1.0 and 0 < before["broken_bonds"] <= end["broken_bonds"]
     assert result.summary["steps"][-1]["relative_residual"] < 1e-8
 
 

@@ -49,7 +49,7 @@ def broken(document: dict, comm) -> tuple[np.ndarray, np.ndarray]:
     p, mpi = simulation.particles, comm.tompi4py()
     y = np.zeros(p.count)
     y[p.id[: p.owned]] = p.position[: p.owned, 1]
-    lists = mpi.allgather(simulation.broken)
+    lists = mpi.allgather(simulation.fracture.broken())
     return np.array(sorted(map(tuple, np.concatenate(lists)))), mpi.allreduce(y)
 
 
@@ -80,9 +80,9 @@ def test_what_the_summary_says(run):
     document = plate(criterion="critical_stretch")
     document["solver"] = {"steps": 16}
     document["expect"] = [
-        {"value": "separated", "equals": 1, "source": "pulled by 7 %"},
+        {"value": "fracture.separated", "equals": 1, "source": "pulled by 7 %"},
         {"value": "extremes.pull.min", "equals": 0.0, "atol": 1e-9, "source": "nothing holds"},
-        {"value": "most_newton_iterations", "below": 9, "source": "measured"},
+        {"value": "fracture.most_newton_iterations", "below": 9, "source": "measured"},
     ]
     result = run(document)
     assert (result.code, result.summary["status"]) == (0, "separated")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from pdpetsc import case, cli, driver, memory, simulation
+from pdpetsc import building, case, cli, driver, memory
 from pdpetsc.case import Case
 from pdpetsc.census import FEWEST, FULL, QUICK, take_census
 from pdpetsc.errors import InputError
@@ -167,7 +167,7 @@ def test_a_body_that_a_quick_look_misses_is_not_assembled(monkeypatch):
     def missed(case, effort):
         raise InputError("body.keep: no particle is left")
 
-    monkeypatch.setattr(simulation, "take_census", missed)
+    monkeypatch.setattr(building, "take_census", missed)
     run = Simulation(made(cube(8)), PETSc.COMM_WORLD)
     assert run.newton.tangent.kind == "matrix_free"
     run.newton.destroy()
