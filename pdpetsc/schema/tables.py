@@ -209,6 +209,8 @@ class Solver(Table):
             raise ValueError(f"min_step = {self.min_step} is greater than max_step = {self.max_step}")
         if self.control == "load" and "max_steps" in self.model_fields_set:
             raise error_at("max_steps", 'goes with control = "arc_length" and "failure"')
+        if self.control != "load" and "overshoot" in self.model_fields_set:
+            raise error_at("overshoot", 'goes with control = "load"')
         return self
 
 
@@ -241,9 +243,19 @@ def of_known_materials(damage: dict, info: ValidationInfo) -> dict:
 
 
 def of_failing_bonds(solver: Solver, info: ValidationInfo) -> Solver:
-    """The path from one failing bond to the next needs bonds that fail."""
-    if solver.control == "failure" and info.data.get("damage", True) == {}:
-        raise error_at("control", 'is "failure", but no bond can fail; add a table [damage.NAME] for a material')
+    """What goes with bonds that fail needs some, and paths are followed where bonds that fail are whole before."""
+    damage = info.data.get("damage")
+    if damage == {}:
+        if solver.control == "failure":
+            raise error_at("control", 'is "failure", but no bond can fail; add a table [damage.NAME] for a material')
+        for key in ("bonds_per_pass", "overshoot"):
+            if key in solver.model_fields_set:
+                raise error_at(key, "is given, but no bond can fail; add a table [damage.NAME] for a material")
+    for name, table in (damage or {}).items():
+        if solver.control != "load" and getattr(table, "softening", None):
+            raise error_at(
+                "control", f'"{solver.control}" does not go with damage.{name}.softening; take control = "load"'
+            )
     return solver
 
 

@@ -6,6 +6,7 @@ from pdpetsc.case import Case
 from pdpetsc.errors import InputError
 
 STRETCH = {"criterion": "critical_stretch", "critical": 0.01}
+SOFTENING = STRETCH | {"softening": {"s_min": 0.005}}
 
 
 def case(damage: dict, **tables) -> Case:
@@ -61,6 +62,24 @@ WRONG = {
     "path of no failure": (
         {}, {"solver": {"control": "failure"}},
         'solver.control: is "failure", but no bond can fail; add a table [damage.NAME] for a material',
+    ),
+    "arc length of softening bonds": (
+        {"steel": SOFTENING}, {"solver": {"control": "arc_length"}},
+        'solver.control: "arc_length" does not go with damage.steel.softening; take control = "load"',
+    ),
+    "failure of softening bonds": (
+        {"steel": SOFTENING}, {"solver": {"control": "failure"}},
+        'solver.control: "failure" does not go with damage.steel.softening; take control = "load"',
+    ),
+    "fraction of nothing": (
+        {}, {"solver": {"bonds_per_pass": 0.5}}, "solver.bonds_per_pass: is given, but no bond can fail; add a table"
+    ),
+    "overshoot of nothing": (
+        {}, {"solver": {"overshoot": 0.5}}, "solver.overshoot: is given, but no bond can fail; add a table"
+    ),
+    "overshoot along a path": (
+        {"steel": STRETCH}, {"solver": {"control": "failure", "overshoot": 0.5}},
+        'solver.overshoot: goes with control = "load"',
     ),
 }  # fmt: skip
 
