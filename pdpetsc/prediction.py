@@ -13,8 +13,8 @@ from pdpetsc.census import FULL, Census, Effort, take_census
 from pdpetsc.errors import InputError
 from pdpetsc.loads.building import follows
 from pdpetsc.memory import GIB
-from pdpetsc.solvers.linear import DIRECT, DIRECT_LIMIT, default_options, in_words
-from pdpetsc.solvers.tangent import KINDS, OPTION, choose
+from pdpetsc.solvers.linear import DIRECT, default_options, in_words
+from pdpetsc.solvers.tangent import KINDS, OPTION, choose, direct_limit
 
 MARGIN = 1.1
 """A case is refused only when it takes this many times what there is."""
@@ -84,6 +84,12 @@ class Prediction:
         return {"assembled": self.blocks * self.dim**2, "matrix_free": self.compact * self.dim**2}
 
 
+def _softens(case: Case, census: Census) -> bool:
+    """Whether bonds soften in a family that couples its neighbours, whose tangent is not symmetric then."""
+    fading = (name for name, keys in case.damage.items() if getattr(keys, "softening", None))
+    return any(census.materials[name].couples_family for name in fading if name in census.materials)
+
+
 def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
     """Predict a run on so many ranks.
 
@@ -98,8 +104,8 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
         raise InputError(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
     materials = census.materials.values()
     follower = any(follows(load, materials) for load in case.load)
-    symmetric = all(material.symmetric for material in materials) and not follower
-    small = census.blocks * dim**2 <= DIRECT_LIMIT[dim]
+    symmetric = all(material.symmetric for material in materials) and not (follower or _softens(case, census))
+    small = census.blocks * dim**2 <= direct_limit(dim, bool(case.damage))
     definite = case.solver.control == "load"
     solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks, definite) | given for k in KINDS}
     without = tuple(name for name, spec in case.material.items() if spec.density is None)

@@ -138,6 +138,11 @@ class Choice(NamedTuple):
     why: str
 
 
+def direct_limit(dim: int, many: bool) -> float:
+    """Entries of the assembled tangent up to which a direct solver is the default."""
+    return DIRECT_LIMIT[dim] / (MANY if many else 1)
+
+
 def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str], many: bool = False) -> Choice:
     """As -pd_tangent says, or else as suits the problem: assembled for a direct solver and where neighbours are few,
     matrix-free elsewhere.
@@ -153,7 +158,7 @@ def choose(dim: int, particles: int, blocks: float, given: Mapping[str, str], ma
         InputError: the option is neither "assembled" nor "matrix_free", or a preconditioner is to solve without a
             matrix.
     """
-    limit = DIRECT_LIMIT[dim] / (MANY if many else 1)
+    limit = direct_limit(dim, many)
     small = blocks * dim**2 <= limit
     if OPTION in given:
         kind, why = given[OPTION] or "", f"as -{OPTION} says"

@@ -83,6 +83,29 @@ def test_a_follower_makes_the_tangent_unsymmetric(petsc_options, follower, solve
     assert predict(made(document), 1).solver.startswith(solver)
 
 
+@pytest.mark.parametrize(
+    "model, more, solver",
+    [("ordinary", {"softening": {"s_min": 0.5}}, "gmres + gamg"), ("ordinary", {}, "cg + gamg"),
+     ("bond", {"softening": {"s_min": 0.5}}, "cg + gamg")],
+)  # fmt: skip
+def test_softening_makes_the_tangent_unsymmetric_where_neighbours_are_coupled(petsc_options, model, more, solver):
+    petsc_options(pc_type="gamg")
+    failing = {"damage": {"steel": {"criterion": "critical_stretch", "critical": 1.0} | more}}
+    document = made(cube(8, model, dim=2) | failing)
+    simulation = Simulation(document, PETSc.COMM_SELF)
+    assert simulation.assembler.symmetric == solver.startswith("cg")
+    assert predict(document, 1).solver.startswith(solver)
+    simulation.newton.destroy()
+
+
+def test_where_bonds_fail_a_direct_solver_is_for_smaller_bodies():
+    """60 x 60 particles of a horizon of three spacings have a tangent of a million entries."""
+    failing = {"damage": {"steel": {"criterion": "critical_stretch", "critical": 1.0}}}
+    whole, damaged = predict(made(cube(60, dim=2)), 1), predict(made(cube(60, dim=2) | failing), 1)
+    assert "lu" in whole.solver.lower() or "cholesky" in whole.solver.lower() or "mumps" in whole.solver.lower()
+    assert damaged.solver != whole.solver
+
+
 def test_a_body_as_large_as_the_sample_is_counted_whole():
     """8 x 8 x 8 particles; a family of 2.015 spacings has 32 neighbours where it is whole."""
     axis = np.arange(8.0)
