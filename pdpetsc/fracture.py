@@ -19,6 +19,7 @@ from pdpetsc.damage.base import Criterion
 from pdpetsc.damage.stretch import pairs_across
 from pdpetsc.errors import InputError, at
 from pdpetsc.opposite import Opposite
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
 from pdpetsc.support import loose_pieces, pieces
 
@@ -313,15 +314,15 @@ def rules_of(case, particles: Particles, families: Families, materials: list, se
         if keys is None:
             rules.append(None)
             continue
-        with at(f"damage.{name}"):
+        with collective(particles.comm.tompi4py()), at(f"damage.{name}"):  # horizons of some ranks may be wrong
             criterion = Criterion.criteria[keys.criterion].from_case(keys, material)
-            exempt = np.zeros(particles.local)
+        exempt = np.zeros(particles.local)
+        with at(f"damage.{name}"):
             for set_name in keys.exempt:
                 exempt[: particles.owned] += sets[set_name]
-            softening = getattr(keys, "softening", None)
             along = _along(keys.along, particles, families, f"damage.{name}.along") if keys.along else None
-            exempt = particles.exchange.forward(exempt) > 0
-            rules.append(Rule(criterion, exempt, keys.independent, softening, along))
+        softening, exempt = getattr(keys, "softening", None), particles.exchange.forward(exempt) > 0
+        rules.append(Rule(criterion, exempt, keys.independent, softening, along))
     return rules
 
 

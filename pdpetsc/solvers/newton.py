@@ -121,6 +121,8 @@ class Newton:
         self.number = next(_numbers)
         _alive.add(self)
         self.record = NewtonRecord()
+        self.guess: np.ndarray | None = None
+        """Where the predictor of `advance` came to; None along a path."""
         self._cost = np.inf  # least iterations for a decade of the linear residual with the present preconditioner
         self._unbalanced = 0.0  # norm of the forces out of balance at the start of a step
         self._before = 0.0  # norm of the right-hand side of the last linear solution
@@ -166,7 +168,7 @@ class Newton:
         """A new record. The seconds inside are its own; those of neither residual nor tangent count as `solve`."""
         start, seconds = clock.perf_counter(), self._assembler.timings.seconds
         elsewhere = sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
-        self.record, self._near = NewtonRecord(), False
+        self.record, self._near, self.guess = NewtonRecord(), False, None
         record = self.record
         try:
             yield record

@@ -128,7 +128,8 @@ class Passes:
             except StepFailed:
                 if live:
                     live, still = False, still / 4
-                elif not (again and record.passes and self._fail(new, fracture.ratios(self.newton.guess), record)):
+                    a.set_time(new.time)  # loads do their work from there
+                elif not (again and record.passes and self._run_on(new, record)):
                     raise
                 continue
             record.passes.append(newton)
@@ -152,6 +153,11 @@ class Passes:
                 live = growth < still
         record.stored, record.separated, record.broken = a.stored_energy(new.u), fracture.separated, fracture.count
         record.held = a.mpi.allreduce(int(fracture.held.sum()))
+
+    def _run_on(self, state: State, record: StepRecord) -> bool:
+        """Break what is critical where the predictor came to under a load that stands; whether there was any."""
+        guess = self.newton.guess
+        return guess is not None and self._fail(state, self._fracture.ratios(guess), record)
 
     def _fail(self, state: State, ratio: np.ndarray, record: StepRecord) -> bool:
         """Break what is critical by these ratios, and add what that dissipates to the state; whether there was any.

@@ -97,6 +97,9 @@ class Path:
         self.tried = state.time
 
         def equilibrium(new: State, near: bool) -> tuple[np.ndarray, float, NewtonRecord]:
+            if near and schedule.finished(new.time):
+                u, record = newton.advance(new.u, new.time, near)
+                return u, new.time, record
             if near:
                 with newton.recording() as record:
                     return *self.solve(new.u, new.time, bound), record

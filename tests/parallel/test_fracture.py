@@ -7,6 +7,7 @@ from models import MODELS, NAMES, dimensions_of_the_model, strong_gradient  # no
 from petsc4py import PETSc
 
 from pdpetsc.case import Case
+from pdpetsc.errors import InputError
 from pdpetsc.fracture import TIE
 from pdpetsc.io.checkpoint import gathered_bonds, read_damaged, read_state, write_checkpoint
 from pdpetsc.opposite import Opposite
@@ -390,6 +391,63 @@ def test_roll_back(comm, monkeypatch):
     assert np.array_equal(all_broken(built), all_broken(expected))
     assert record.broken == direct.broken > gone and record.separated == direct.separated
     assert again.dissipated == pytest.approx(straight.dissipated, rel=1e-8)
+
+
+FADING = {"critical": 0.002, "softening": {"s_min": 0.0015}}
+
+
+def test_work_of_a_load_where_softening_stays_as_it_is_at_first(comm, monkeypatch):
+    """A force that grows from 0 does half of its last value times its way, however often the step is tried."""
+    plate = document("ordinary", damage=FADING, steps=1)
+    plate["load"] = [*plate["load"][:1], plate["load"][2], {"kind": "force", "set": "right", "component": "x", "value": "t"}]
+    plate["load"][0] = plate["load"][0] | {"value": 0.0}
+    works = []
+    advance = Newton.advance
+    for failing in (False, True):
+        tries = [failing]
+
+        def fail_at_first(self, u, time, near=False, tries=tries):
+            if tries[0]:
+                self._assembler.set_time(time)
+                tries[0] = False
+                raise StepFailed("DIVERGED_MAX_IT")
+            return advance(self, u, time, near)
+
+        monkeypatch.setattr(Newton, "advance", fail_at_first)
+        built = simulation(plate)
+        state, record = built.passes.advance(built.state, 1.0, last=True)
+        works.append(state.external_work)
+        assert state.external_work == pytest.approx(record.stored, rel=1e-3)
+        assert abs(state.dissipated) < 1e-8 * record.stored
+    assert works[0] == pytest.approx(works[1], rel=1e-8)
+
+
+def test_paths_of_failing_bonds(comm):
+    """Along a path cracks do not run on under a standing load; a step without equilibrium is cut."""
+    path = simulation(document("ordinary", control="arc_length", max_steps=12))
+    cuts = []
+    path._failed = lambda *cut: cuts.append(cut)
+    assert path.solve() == "converged"
+    assert cuts and path.rows[-1]["broken_bonds"] > 0 and len(path.rows) == 12
+
+
+def test_bonds_that_fail_at_the_end_of_a_path(comm):
+    """The last step ends at the end of the schedule, where it is solved again."""
+    path = simulation(document("ordinary", control="arc_length", end_time=0.7, steps=7))
+    assert path.solve() == "converged"
+    assert path.rows[-1]["time"] == 0.7 and path.rows[-1]["passes"] > 1
+
+
+def test_critical_stretches_that_only_some_ranks_have(comm):
+    """Bonds soften from a stretch at which the longest of them are broken: all ranks say so."""
+    damage = {"criterion": "critical_stretch", "G_c": 5e3, "softening": {"s_min": 1e-3}}
+    graded = document("ordinary", body=GRADED) | {"damage": {"steel": damage}}
+    brittle = simulation(graded | {"damage": {"steel": {key: damage[key] for key in ("criterion", "G_c")}}})
+    critical = brittle.fracture._rules[0].criterion.critical
+    least = comm.allreduce(float(critical.min()), min)
+    damage["softening"] = {"s_min": 1.001 * least}
+    with pytest.raises(InputError, match=r"damage.steel: softening.s_min: is .*, but bonds of that G_c break at"):
+        simulation(graded)
 
 
 def test_overshoot(comm):
