@@ -232,19 +232,21 @@ class Fracture:
 
     def soften(self, u: np.ndarray, fraction: float) -> float:
         """Take over the stretches of softening bonds, of those beyond a fraction of the worst among the growing ones;
-        softening stays as it then is. The largest growth that is left out, in critical stretches (collective).
+        softening stays as it then is. The largest growth that is left out, in critical stretches (collective). Where
+        some are left out, what grows by less than `TIE` does not: others would wait for the rounding of the worst.
 
         Args:
             u: (owned, dim) displacements of an equilibrium.
             fraction: 0: of all.
         """
-        local = self._assembler.localise(u)
+        local, least = self._assembler.localise(u), TIE if fraction else 0.0
         ratio = np.zeros(self.families.bonds)
         for m, rule in self._fading:
             bonds = self._bonds[m]
             own = rule.criterion.ratio(local, None, None)
             begins = rule.softening.s_min / self._critical(m, rule)
-            grows = (own > np.maximum(self.largest[bonds], begins)) & self.intact[bonds] & ~self._exempt[bonds]
+            grows = own > np.maximum(self.largest[bonds], begins) + least
+            grows &= self.intact[bonds] & ~self._exempt[bonds]
             ratio[bonds] = np.where(grows, own, 0.0)
         growth = np.where(ratio > 0.0, ratio - self.largest, 0.0)
         taken = ratio >= fraction * self.worst(ratio) * (1 - TIE)

@@ -399,7 +399,11 @@ FADING = {"critical": 0.002, "softening": {"s_min": 0.0015}}
 def test_work_of_a_load_where_softening_stays_as_it_is_at_first(comm, monkeypatch):
     """A force that grows from 0 does half of its last value times its way, however often the step is tried."""
     plate = document("ordinary", damage=FADING, steps=1)
-    plate["load"] = [*plate["load"][:1], plate["load"][2], {"kind": "force", "set": "right", "component": "x", "value": "t"}]
+    plate["load"] = [
+        *plate["load"][:1],
+        plate["load"][2],
+        {"kind": "force", "set": "right", "component": "x", "value": "t"},
+    ]
     plate["load"][0] = plate["load"][0] | {"value": 0.0}
     works = []
     advance = Newton.advance
@@ -420,6 +424,69 @@ def test_work_of_a_load_where_softening_stays_as_it_is_at_first(comm, monkeypatc
         assert state.external_work == pytest.approx(record.stored, rel=1e-3)
         assert abs(state.dissipated) < 1e-8 * record.stored
     assert works[0] == pytest.approx(works[1], rel=1e-8)
+
+
+def half_fading() -> dict:
+    """Bonds soften in the left half of a plate, whose horizon grows to the right; those of the right half are brittle
+    and of another model."""
+    plate = document("correspondence", damage=FADING, body=GRADED, steps=5, end_time=0.7)
+    left, right = plate["material"]["steel"], plate["material"]["steel"] | {"model": "ordinary"}
+    brittle = PLATE["damage"]["steel"] | {"critical": 0.0021}
+    return plate | {
+        "sets": plate["sets"] | {"half": "X < 0.075", "other": "X >= 0.075"},
+        "material": {"fading": left | {"where": "half"}, "brittle": right | {"where": "other"}},
+        "damage": {"fading": plate["damage"]["steel"], "brittle": brittle},
+    }  # fmt: skip
+
+
+def test_softening_on_any_number_of_ranks(comm):
+    """Of one of two materials whose families differ in size: the same bonds fade and fail."""
+    together, alone = Run(simulation(half_fading())), Run(simulation(half_fading(), PETSc.COMM_SELF))
+    assert_same(together, alone, rel=1e-6)
+    lists = [gathered_bonds(run.built.comm.tompi4py(), run.built.fracture.softened()) for run in (together, alone)]
+    ordered = [bonds[np.lexsort(bonds.T[:2])] for bonds in lists]
+    assert len(ordered[0]) > 50 and ordered[0] == pytest.approx(ordered[1], rel=1e-5)
+    failed = whole(comm, together.built.particles, together.built.particles.position)[together.broken[:, :2], 0]
+    assert len(failed) > 0 and failed.max() > 0.075 > failed.min()
+    total = together.column("external_work")
+    missing = total - together.column("stored_energy") - together.column("dissipated")
+    assert np.abs(missing).max() < 0.01 * total.max()
+
+
+def test_restart_of_softening_bonds(comm, shared_tmp_path):
+    """From a step in which bonds have faded and others have failed, the others fail as without it."""
+    plate = document("correspondence", damage=FADING, steps=15)
+    through = Run(simulation(plate))
+    middle = int(through.column("step")[through.column("broken_bonds") > 0][0])
+    assert 0 < through.rows[middle - 1]["broken_bonds"] < len(through.broken)
+    begun = simulation(plate)
+    committed = begun._commit
+
+    def commit(state, record):
+        committed(state, record)
+        record.separated = state.step == middle  # ends the run
+
+    begun._commit = commit
+    begun.solve()
+    assert comm.allreduce(len(begun.damaged["softened_bonds"])) > begun.rows[-1]["broken_bonds"]
+    write_checkpoint(shared_tmp_path, begun.particles, begun.state, {}, begun.damaged)
+    again = simulation(plate)
+    again.go_on_from(read_state(shared_tmp_path, again.particles), list(begun.rows), read_damaged(shared_tmp_path))
+    assert_same(Run(again), through, rel=1e-7)
+
+
+def test_fading_bonds_do_not_wait_for_rounding(comm):
+    """What the worst of them still grows by, less than a millionth, is left to later passes, and others go on."""
+    built = simulation(document("ordinary", damage=FADING))
+    p, fracture = built.particles, built.fracture
+    u = np.zeros((p.owned, 2))
+    u[:, 0] = 1.9e-3 * (p.position[: p.owned, 0] - 0.075 + 2 * (p.position[: p.owned, 0] - 0.075) ** 2)
+    left = fracture.soften(u, 0.95)
+    first = fracture.largest.copy()
+    assert left > 0.5 and comm.allreduce(int((first > 0).sum())) > 0
+    assert fracture.soften((1 + 1e-9) * u, 0.95) < left
+    assert np.array_equal(fracture.largest[first > 0], first[first > 0])
+    assert comm.allreduce(int((fracture.largest != first).sum())) > 0
 
 
 def test_paths_of_failing_bonds(comm):
