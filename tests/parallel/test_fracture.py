@@ -45,7 +45,7 @@ def document(model="correspondence", control="load", damage=(), body=(), **solve
     failing = PLATE["damage"]["steel"] | dict(damage)
     return PLATE | {
         "body": PLATE["body"] | dict(body), "material": {"steel": steel}, "damage": {"steel": failing},
-        "solver": {"control": control, **({"max_steps": 24} if control == "failure" else {}), **solver},
+        "solver": {"control": control, **({"max_steps": 30} if control == "failure" else {}), **solver},
     }  # fmt: skip
 
 
@@ -368,6 +368,7 @@ def test_roll_back(comm, monkeypatch):
     def fail_in_a_later_pass(self, u, time, again=False):
         near.append(again)
         if sum(near) == 12:
+            self.guess = None  # nothing runs on from there
             raise StepFailed("DIVERGED_MAX_IT")
         return advance(self, u, time, again)
 
@@ -399,12 +400,8 @@ FADING = {"critical": 0.002, "softening": {"s_min": 0.0015}}
 def test_work_of_a_load_where_softening_stays_as_it_is_at_first(comm, monkeypatch):
     """A force that grows from 0 does half of its last value times its way, however often the step is tried."""
     plate = document("ordinary", damage=FADING, steps=1)
-    plate["load"] = [
-        *plate["load"][:1],
-        plate["load"][2],
-        {"kind": "force", "set": "right", "component": "x", "value": "t"},
-    ]
-    plate["load"][0] = plate["load"][0] | {"value": 0.0}
+    pull = {"kind": "force", "set": "right", "component": "x", "value": "t"}
+    plate["load"] = [plate["load"][0] | {"value": 0.0}, plate["load"][2], pull]
     works = []
     advance = Newton.advance
     for failing in (False, True):
