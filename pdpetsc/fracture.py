@@ -27,6 +27,9 @@ TIE = 1e-6
 """Ratios that differ by less, relative to the worst, are the same: rounding and the solver's tolerance, which depend on
 the number of ranks, do not decide which of two symmetric bonds goes."""
 
+LEAST_SPAN = 0.1
+"""A particle whose intact bonds span the space less (`Material.span`) comes loose: its last bonds break."""
+
 OVERLOAD = 2.0
 """A bond at so many times its critical value fails in the pass, whatever the others do: the load does not wait. So the
 last ligament under a dead load goes at once, before the body is a mechanism."""
@@ -178,7 +181,7 @@ class Fracture:
         while True:
             loose = np.zeros(p.local)
             for material in self._assembler.materials:
-                loose[material.families.center] = material.span < material.least_span
+                loose[material.families.center] = material.span < LEAST_SPAN
             loose = p.exchange.forward(loose) > 0
             failed = (loose[self.families.neighbours] | self.families.per_bond(loose)) & self.intact & ~self._exempt
             if not self._mpi.allreduce(int(failed.sum())):

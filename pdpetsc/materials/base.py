@@ -131,8 +131,6 @@ class Material(Softenable):
     """Whether kinematics are those of small displacements: forces act at the reference positions."""
     central = False
     """Whether forces act along the bonds."""
-    least_span = 0.01
-    """A particle whose intact bonds `span` the space less comes loose: its last bonds break."""
     unmatched = 0
     """Number of families that could not be matched by `quadrature = "matched"`."""
 

@@ -54,7 +54,6 @@ class Correspondence(Material):
     """
 
     name = "correspondence"
-    least_span = kernels.FADE[0]
 
     class Keys(Elastic):
         elasticity: Literal[*LAWS] = "hencky"

@@ -239,6 +239,10 @@ def of_known_materials(damage: dict, info: ValidationInfo) -> dict:
             raise error_at(
                 name, f"there is no material {name!r}{hint(name, materials)}; choices: {', '.join(materials)}"
             )
+        if getattr(materials[name], "weighted_volume", None) == "updated" and getattr(damage[name], "softening", None):
+            raise error_at(
+                name, 'softening does not go with weighted_volume = "updated" of the material; take "frozen"'
+            )
     return damage
 
 

@@ -63,6 +63,11 @@ WRONG = {
         {}, {"solver": {"control": "failure"}},
         'solver.control: is "failure", but no bond can fail; add a table [damage.NAME] for a material',
     ),
+    "softening of an updated volume": (
+        {"steel": SOFTENING},
+        {"material": {"steel": {"model": "ordinary", "E": 1.0, "nu": 0.25, "weighted_volume": "updated"}}},
+        'damage.steel: softening does not go with weighted_volume = "updated" of the material; take "frozen"',
+    ),
     "arc length of softening bonds": (
         {"steel": SOFTENING}, {"solver": {"control": "arc_length"}},
         'solver.control: "arc_length" does not go with damage.steel.softening; take control = "load"',
