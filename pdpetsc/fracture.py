@@ -76,10 +76,12 @@ class Fracture:
         self._assembler, self.families, self._rules, self.fraction = assembler, families, rules, fraction
         self._opposite = Opposite(p, families)
         self.intact = np.ones(families.bonds, bool)
-        self.step = np.zeros(families.bonds, np.int64)
+        self.step = np.zeros(families.bonds, np.int32)
         """In which each bond failed."""
-        of_bond = families.per_bond(material_of)
-        self._bonds = [np.flatnonzero(of_bond == m) for m in range(len(rules))]
+        self._bonds = [slice(None)]  # of each material; of the only one, all
+        if len(rules) > 1:
+            of_bond = families.per_bond(material_of)
+            self._bonds = [np.flatnonzero(of_bond == m) for m in range(len(rules))]
         self._exempt = np.zeros(families.bonds, bool)
         for rule, bonds in zip(rules, self._bonds):
             if rule is not None:
@@ -87,9 +89,9 @@ class Fracture:
                 if rule.along is not None:
                     self._exempt[bonds] |= ~rule.along[bonds]
         self._exempt |= self._opposite(self._exempt.astype(float)) > 0  # where two materials meet
-        self.largest = np.zeros(families.bonds)
-        """Largest stretch of each bond that softens, in critical stretches of its direction, by the last pass."""
         self._fading = [(m, rule) for m, rule in enumerate(rules) if rule is not None and rule.softening]
+        self.largest = np.zeros(families.bonds if self._fading else 0)
+        """Largest stretch of each bond where some soften, in critical stretches of its direction, by the last pass."""
         for m, rule in self._fading:
             softens = ~self._exempt[self._bonds[m]]
             assembler.materials[m].soften(rule.criterion.softening(rule.softening, softens), rule.softening.printed)
@@ -173,7 +175,7 @@ class Fracture:
     def _tell(self) -> None:
         """The materials which bonds are left."""
         for material, bonds in zip(self._assembler.materials, self._bonds):
-            material.set_bonds(self.intact if len(bonds) == len(self.intact) else self.intact[bonds])
+            material.set_bonds(self.intact[bonds])
 
     def _drop_loose_particles(self, step: int) -> None:
         """Break the bonds of particles that too few of them hold, until there are none."""
@@ -285,7 +287,7 @@ class Fracture:
     def _listed(self, chosen: np.ndarray, values: np.ndarray) -> np.ndarray:
         p, bonds = self._assembler.particles, np.flatnonzero(chosen)
         i = p.id[self.families.per_bond(np.arange(p.local))[bonds]]
-        return np.stack([i, p.id[self.families.neighbours[bonds]], values[bonds]], axis=1).astype(values.dtype)
+        return np.stack([i, p.id[self.families.neighbours[bonds]], values[bonds]], axis=1)  # ids are 64-bit integers
 
     def restore(self, broken: np.ndarray, softened: np.ndarray, u: np.ndarray) -> None:
         """Break and soften the bonds of lists (n, 3) that have those of all ranks, as `broken` and `softened` give them

@@ -23,7 +23,8 @@ class Opposite:
         own[families.center] = np.arange(len(families))
         center, neighbours = families.per_bond(np.arange(p.local)), families.neighbours
         inside = np.flatnonzero(neighbours < p.owned)
-        self._here = np.full(families.bonds, -1, np.int64)
+        few = families.bonds < np.iinfo(np.int32).max  # half the memory
+        self._here = np.full(families.bonds, -1, np.int32 if few else np.int64)
         self._here[inside] = _find(own[neighbours[inside]], p.id[center[inside]], families, p.id)
         # Bonds to ghosts: their owners are asked by the ids of both ends, once, and answer in the same order for good.
         self._asked, questions = [], []
