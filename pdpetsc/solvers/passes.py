@@ -120,7 +120,7 @@ class Passes:
         if not again and self._fail(new, fracture.ratios(new.u), record) and fracture.separated:
             equilibrium, near = self._at(new.time), True
         while True:
-            before = a.internal_force(new.u), self._carried(new.u)
+            before = self._forces(new.u)
             if fracture.softens:
                 fracture.set_live(live)
             try:
@@ -187,17 +187,18 @@ class Passes:
         state.dissipated += (whole - sum(a.stored_energy(place) for place in places)) / len(places)
         return growth
 
-    def _carried(self, u: np.ndarray) -> np.ndarray:
-        """External forces, and on constrained entries what their support carries."""
+    def _forces(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Internal forces, and external ones with what supports carry on constrained entries."""
         a = self.assembler
-        external = a.external_force(u)
-        return np.where(a.constrained, a.internal_force(u), external)
+        internal = a.internal_force(u)
+        return internal, np.where(a.constrained, internal, a.external_force(u))
 
     def _account(self, state: State, before: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> None:
         """Add to a state the work on the way from its displacements to others, by the trapezoidal rule: what loads and
         supports do, and what is lost as the body goes from the state in which bonds failed to equilibrium."""
         (internal, carried), du = before, u - state.u
-        work = ((carried + self._carried(u)) * du).sum() / 2, ((carried - internal) * du).sum() / 2
+        _, after = self._forces(u)
+        work = ((carried + after) * du).sum() / 2, ((carried - internal) * du).sum() / 2
         done, lost = self.assembler.mpi.allreduce(np.array(work))
         state.external_work += float(done)
         state.dissipated += float(lost)
