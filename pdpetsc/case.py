@@ -93,6 +93,7 @@ def load(argument: str, overrides: tuple[str, ...] | list[str] = ()) -> Case:
     document = _with_variant(_read(path), variant, _shown(path))
     for override in overrides:
         _override(document, override)
+    document = _with_paths(document, path.parent)
     return Case.from_document(document, path.stem, variant, _shown(path), bool(overrides))
 
 
@@ -138,6 +139,19 @@ def _merged(base: dict, changes: dict) -> dict:
         both = isinstance(value, dict) and isinstance(base.get(key), dict)
         merged[key] = _merged(base[key], value) if both else value
     return merged
+
+
+def _with_paths(tables: Any, folder: Path) -> Any:
+    """Return tables whose files, the entries `mesh`, can be found from anywhere: they are relative to the case file."""
+    if isinstance(tables, list):
+        return [_with_paths(entry, folder) for entry in tables]
+    if not isinstance(tables, dict):
+        return tables
+    is_path = {key for key, value in tables.items() if key == "mesh" and isinstance(value, str) and value}
+    return {
+        key: str((folder / value).resolve()) if key in is_path else _with_paths(value, folder)
+        for key, value in tables.items()
+    }
 
 
 def _override(document: dict, override: str) -> None:

@@ -5,22 +5,14 @@ of a pair break when the first one reaches its critical value, unless a material
 3.1). Of those beyond it, the worst go first: what they carried changes the state of all others.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from mpi4py import MPI
 
 from pdpetsc.assembly import Assembler
-from pdpetsc.body.cracks import cut_bonds
-from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import Families
-from pdpetsc.damage.base import Criterion
 from pdpetsc.damage.stretch import pairs_across
-from pdpetsc.errors import InputError, at
 from pdpetsc.opposite import Opposite
-from pdpetsc.parallel import collective
-from pdpetsc.particles import Particles
+from pdpetsc.rules import Rule
 from pdpetsc.support import loose_pieces, pieces
 
 TIE = 1e-6
@@ -30,31 +22,15 @@ the number of ranks, do not decide which of two symmetric bonds goes."""
 LEAST_SPAN = 0.1
 """A particle whose intact bonds span the space less (`Material.span`) comes loose: its last bonds break."""
 
+STRIDE = 0.02
+"""Height of the teeth, in critical stretches, in which bonds soften where softening runs on by itself."""
+
 OVERLOAD = 2.0
 """A bond at so many times its critical value fails in the pass, whatever the others do: the load does not wait. So the
 last ligament under a dead load goes at once, before the body is a mechanism."""
 
 WHOLE = 0.01
 """Share of the body's volume from which a piece that is held or loaded is no splinter."""
-
-
-@dataclass
-class Rule:
-    """How the bonds of one material fail.
-
-    Attributes:
-        criterion: d/d_c of each bond.
-        exempt: mask of the owned and ghost particles whose bonds never fail.
-        independent: whether the two directions of a pair fail each by itself.
-        softening: keys of bonds that fade before they fail, or None.
-        along: mask of the body's bonds that may fail if they are the material's; None: all.
-    """
-
-    criterion: Criterion
-    exempt: np.ndarray
-    independent: bool = False
-    softening: Any = None
-    along: np.ndarray | None = None
 
 
 class Fracture:
@@ -235,29 +211,36 @@ class Fracture:
         """s_c of each bond of a material."""
         return np.repeat(rule.criterion.critical, np.diff(self._assembler.materials[m].families.offsets))
 
-    def soften(self, u: np.ndarray, fraction: float) -> float:
-        """Take over the stretches of softening bonds, of those beyond a fraction of the worst among the growing ones;
-        softening stays as it then is. The largest growth that is left out, in critical stretches (collective). Where
-        some are left out, what grows by less than `TIE` does not: others would wait for the rounding of the worst.
-
-        Args:
-            u: (owned, dim) displacements of an equilibrium.
-            fraction: 0: of all.
-        """
-        local, least = self._assembler.localise(u), TIE if fraction else 0.0
-        ratio = np.zeros(self.families.bonds)
+    def growth(self, u: np.ndarray) -> np.ndarray:
+        """By how much the stretch of each bond at owned displacements u is beyond that to which it has softened, in
+        critical stretches; 0 where it is not or does not soften."""
+        local, growth = self._assembler.localise(u), np.zeros(self.families.bonds)
         for m, rule in self._fading:
             bonds = self._bonds[m]
-            own = rule.criterion.ratio(local, None, None)
-            begins = rule.softening.s_min / self._critical(m, rule)
-            grows = own > np.maximum(self.largest[bonds], begins) + least
-            grows &= self.intact[bonds] & ~self._exempt[bonds]
-            ratio[bonds] = np.where(grows, own, 0.0)
-        growth = np.where(ratio > 0.0, ratio - self.largest, 0.0)
-        taken = ratio >= fraction * self.worst(ratio) * (1 - TIE)
-        self.largest = np.where(taken, np.maximum(self.largest, ratio), self.largest)
+            start = np.maximum(self.largest[bonds], rule.softening.s_min / self._critical(m, rule))
+            beyond = rule.criterion.ratio(local, None, None) - start
+            growth[bonds] = np.where(self.intact[bonds] & ~self._exempt[bonds], np.maximum(beyond, 0.0), 0.0)
+        return growth
+
+    def soften(self, growth: np.ndarray, fraction: float) -> None:
+        """Take over the stretches of bonds that have come beyond those to which they have softened, of those beyond a
+        fraction of the worst; softening stays as it then is (collective).
+
+        Where some are left out, bonds soften in teeth (sequentially linear analysis): one that has come `STRIDE`/2
+        beyond the stretch to which it has softened goes on to `STRIDE`/2 beyond the present one.
+
+        Args:
+            growth: by `growth`.
+            fraction: 0: of all.
+        """
+        tooth, start = STRIDE / 2 if fraction else 0.0, self.largest.copy()
+        for m, rule in self._fading:
+            bonds = self._bonds[m]
+            start[bonds] = np.maximum(start[bonds], rule.softening.s_min / self._critical(m, rule))
+        stretch = np.where(growth > tooth, start + growth, 0.0)
+        taken = (stretch > 0.0) & (stretch >= fraction * self.worst(stretch) * (1 - TIE))
+        self.largest = np.where(taken, stretch + tooth, self.largest)
         self.set_live(False)
-        return self.worst(growth)
 
     def commit(self) -> None:
         """Keep what has failed."""
@@ -279,6 +262,12 @@ class Fracture:
     def broken(self) -> np.ndarray:
         """(n, 3) ids of i and j and the load step of each directed bond i -> j of this rank that has failed."""
         return self._listed(~self.intact, self.step)
+
+    def broken_ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions of i and of j, (n, dim) each, of the bonds of `broken`."""
+        p, bonds = self._assembler.particles, np.flatnonzero(~self.intact)
+        i = self.families.per_bond(np.arange(p.local))[bonds]
+        return p.position[i], p.position[self.families.neighbours[bonds]]
 
     def softened(self) -> np.ndarray:
         """(n, 3) ids of i and j and the largest stretch, in critical ones, of this rank's bonds that have softened."""
@@ -307,36 +296,3 @@ class Fracture:
         self._tell()
         self._look_at_pieces(u)
         self.commit()
-
-
-def rules_of(case, particles: Particles, families: Families, materials: list, sets: Sets) -> list[Rule | None]:
-    """The rules of a case's `[damage.NAME]` tables, one for each material (collective).
-
-    Raises:
-        InputError: a criterion is not defined for its material, an exempt set is empty, or nothing may fail.
-    """
-    rules = []
-    for name, material in zip(case.material, materials):
-        keys = case.damage.get(name)
-        if keys is None:
-            rules.append(None)
-            continue
-        with collective(particles.comm.tompi4py()), at(f"damage.{name}"):  # horizons of some ranks may be wrong
-            criterion = Criterion.criteria[keys.criterion].from_case(keys, material)
-        exempt = np.zeros(particles.local)
-        with at(f"damage.{name}"):
-            for set_name in keys.exempt:
-                exempt[: particles.owned] += sets[set_name]
-            along = _along(keys.along, particles, families, f"damage.{name}.along") if keys.along else None
-        softening, exempt = getattr(keys, "softening", None), particles.exchange.forward(exempt) > 0
-        rules.append(Rule(criterion, exempt, keys.independent, softening, along))
-    return rules
-
-
-def _along(sheets: tuple, particles: Particles, families: Families, place: str) -> np.ndarray:
-    """Which bonds meet one of these points, lines or polygons."""
-    p = particles
-    met = cut_bonds(families, p.position, p.id, [sheet.vertices for sheet in sheets], place).any(axis=0)
-    if not p.comm.tompi4py().allreduce(int(met.sum())):
-        raise InputError("along: meets no bond; does it lie in the body, in the same unit of length?")
-    return met

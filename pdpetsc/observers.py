@@ -3,12 +3,13 @@
 import time as clock
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pdpetsc.io.checkpoint import write_checkpoint
 from pdpetsc.io.fields import FieldWriter
-from pdpetsc.io.tables import write_history
+from pdpetsc.io.tables import write_broken_bonds, write_history
 
 SILENCE = 5.0
 """Seconds after which a load step in which bonds fail is heard of."""
@@ -126,6 +127,30 @@ class FieldOutput(Observer):
     def _write(self, run):
         with run.timings("output"):
             self._writer.write(run.state.step, run.state.time, run.recovery)
+
+
+class BrokenBonds(Observer):
+    """broken_bonds.csv, every n steps and at the last one that was committed."""
+
+    def __init__(self, directory: Path, every: int):
+        self._path = directory / "broken_bonds.csv"
+        self._every = every
+
+    def step(self, run):
+        if run.state.step % self._every == 0:
+            self._write(run)
+
+    def finish(self, run):
+        if run.state.step % self._every:
+            self._write(run)
+
+    def _write(self, run):
+        with run.timings("output"):
+            lists = run.fracture.broken(), np.concatenate(run.fracture.broken_ends(), axis=1)
+            gathered = run.comm.tompi4py().gather(lists)
+            if gathered is not None:
+                bonds, ends = (np.concatenate(parts) for parts in zip(*gathered))
+                write_broken_bonds(self._path, bonds, ends, {row["step"]: row["time"] for row in run.rows})
 
 
 class Checkpoint(Observer):

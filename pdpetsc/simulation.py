@@ -10,19 +10,20 @@ from petsc4py import PETSc
 
 from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
-from pdpetsc.body.cracks import cut_bonds
+from pdpetsc.body.cracks import Ends, cracks_of, cut_bonds
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import check_not_lonely, find_families
 from pdpetsc.building import distributed_particles, expected_blocks, materials_of
 from pdpetsc.case import Case
 from pdpetsc.errors import ConvergenceError, InputError
-from pdpetsc.fracture import Fracture, rules_of
+from pdpetsc.fracture import Fracture
 from pdpetsc.grading import warn_thin_zones
 from pdpetsc.loads.building import loads_of, tractions_of
 from pdpetsc.observers import Observer
 from pdpetsc.parallel import collective, warn
 from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
+from pdpetsc.rules import rules_of
 from pdpetsc.solvers.constraints import ArcLength, Constraint, Failure
 from pdpetsc.solvers.linear import describe_linear_solver
 from pdpetsc.solvers.newton import Newton
@@ -74,10 +75,11 @@ class Simulation:
         with self.timings("setup"):
             self.particles = distributed_particles(comm, case)
         p = self.particles
+        cracks = cracks_of(comm.tompi4py(), case.body.cracks, p.dim, "body.cracks")
         with self.timings("families"), collective(comm.tompi4py()):
             self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
             reached = self.families.sums(p.volume[self.families.neighbours])
-            cuts = cut_bonds(self.families, p.position, p.id, [crack.vertices for crack in case.body.cracks])
+            cuts = cut_bonds(self.families, Ends(p.position, p.horizon, p.id), cracks)
             self.families = self.families.without(cuts.any(axis=0))
             check_not_lonely(self.families, p.position, p.horizon)
             self.families, interior = self.families.interior_first(p.owned)
@@ -95,7 +97,7 @@ class Simulation:
             )
             self.materials = materials_of(case, p, self.families, interior, sets)
             self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
-            loads, tractions = loads_of(case, p, sets), tractions_of(case, p, self.materials)
+            loads, tractions = loads_of(case, p, sets), tractions_of(case, p, self.materials, cracks)
             self.assembler = Assembler(p, self.materials, loads, self.timings, tractions)
         for k, probe in enumerate(self.probes):
             if not probe.reached:

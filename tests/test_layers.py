@@ -30,7 +30,7 @@ LAYERS = (
     ("materials", "damage", "loads"),
     ("sparsity", "matrix"),
     ("assembly",),
-    ("compact", "fracture"),
+    ("compact", "rules", "fracture"),
     ("solvers", "recover", "adapt"),
     ("probes", "sections", "j_integral", "expectations", "observers", "io"),
     ("schema", "case", "census", "prediction", "building", "simulation", "driver", "cli", "__main__"),

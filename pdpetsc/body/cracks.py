@@ -1,150 +1,127 @@
 """Cracks that are there from the start: bonds that cross one do not exist."""
 
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from pdpetsc.body.meshes import surface_of_mesh
+from pdpetsc.body.sheets import TOUCH, Sheets, disc, meet, polygons
 from pdpetsc.bonds import Families
-from pdpetsc.errors import InputError
-
-TOUCH = 1e-10
-"""A bond meets a crack that is this near, in lengths of the bond; edges of the crack and ends of the bond count."""
-
-FLATNESS = 1e-6
-"""How far from their plane the corners of a crack may lie, as a fraction of its size."""
+from pdpetsc.errors import at
+from pdpetsc.parallel import collective
 
 
-class Sheet(NamedTuple):
-    """A crack in coordinates of its own: a point in 1D, a piece of a line in 2D, a plane polygon in 3D.
+class Ends(NamedTuple):
+    """Particles that bonds may join.
 
     Attributes:
-        origin: (dim,) a point of it.
-        normal: (dim,) unit vector across it.
-        tangents: (dim - 1, dim) orthonormal vectors along it.
-        corners: (corners, dim - 1) coordinates of its corners along the tangents, seen from the origin.
+        position, horizon, ids: of all local particles, (local, dim), (local,), (local,).
     """
 
-    origin: np.ndarray
-    normal: np.ndarray
-    tangents: np.ndarray
-    corners: np.ndarray
+    position: np.ndarray
+    horizon: np.ndarray
+    ids: np.ndarray
 
 
-def cut_bonds(
-    families: Families, position: np.ndarray, ids: np.ndarray, cracks: list, place: str = "body.cracks"
-) -> np.ndarray:
-    """Which bonds each crack cuts: those whose segment X_i X_j meets it, but for bonds that lie in its own plane.
+Crack = Callable[[Families, Ends], np.ndarray]
+"""Gives the mask (bonds,) of the bonds of families that it cuts. A bond is always looked at from its end with the lower
+id, so that i -> j and j -> i agree on any rank. A particle on a crack keeps the bonds along it only: let cracks run
+between the particles."""
 
-    A bond is always looked at from its end with the lower id, so that i -> j and j -> i agree on any rank. A particle
-    on a crack keeps the bonds along it only: let cracks run between the particles.
+
+def cut_bonds(families: Families, ends: Ends, cracks: list[Crack]) -> np.ndarray:
+    """Which bonds each crack cuts, (cracks, bonds)."""
+    return np.array([crack(families, ends) for crack in cracks], bool).reshape(len(cracks), families.bonds)
+
+
+def cracks_of(mpi, specs: Iterable, dim: int, place: str) -> list[Crack]:
+    """The cracks of a case's tables; a mesh is read by the first rank (collective).
 
     Args:
-        families: of any particles.
-        position, ids: of all local particles.
-        cracks: the vertices of each: one point in 1D, two in 2D, the corners of a plane polygon, convex or not, in 3D.
-        place: of the cracks in the case, for errors.
-
-    Returns:
-        Masks of the bonds, (cracks, bonds).
+        specs: entries of `body.cracks` (pdpetsc.schema.crack.Crack).
+        dim: of the body.
+        place: of the entries in the case, for errors.
 
     Raises:
-        InputError: a crack has no extent or is not plane.
+        InputError: a crack has no extent or is not plane, or its mesh cannot be read.
     """
-    cut = np.zeros((len(cracks), families.bonds), bool)
-    for number, vertices in enumerate(cracks):
-        sheet = _sheet(np.array(vertices, float), position.shape[1], f"{place}.{number}")
-        _cut(families.center, families.offsets, families.neighbours, position, ids, sheet, cut[number])
+    return [_crack_of(mpi, spec, dim, f"{place}.{number}") for number, spec in enumerate(specs)]
+
+
+def _crack_of(mpi, spec, dim: int, place: str) -> Crack:
+    if spec.level_set is not None:
+        return level_set_crack(
+            lambda X: spec.level_set(**_coordinates(X)),
+            spec.where and (lambda X: spec.where.mask(**_coordinates(X))),
+        )
+    if spec.radius is not None:
+        return sheets_crack(disc(spec.center, spec.normal, spec.radius))
+    if spec.mesh is None:
+        return sheets_crack(polygons(np.array([spec.vertices], float), place))
+    vertices = None
+    with collective(mpi), at(f"{place}.mesh"):
+        if mpi.rank == 0:
+            vertices = surface_of_mesh(spec.mesh, dim, spec.set)
+    return sheets_crack(polygons(mpi.bcast(vertices), f"{place}.mesh"))
+
+
+def _coordinates(X: np.ndarray) -> dict[str, np.ndarray]:
+    return dict(zip("XYZ", X.T, strict=False))
+
+
+def sheets_crack(sheets: Sheets) -> Crack:
+    """Cuts the bonds whose segment X_i X_j meets one of the sheets, but for bonds that lie in its own plane."""
+    return lambda families, ends: meet(families, ends.position, ends.ids, sheets)
+
+
+def level_set_crack(level: Callable, where: Callable | None) -> Crack:
+    """Cuts the bonds whose ends lie on different sides of a level set f = 0, by the sign of f, if a condition holds
+    where they cross it. A point within `TOUCH` horizons of it along an axis lies on it, and on neither side.
+
+    Args:
+        level: f of points (n, dim).
+        where: the condition, a mask of points (n, dim), or None: everywhere.
+    """
+
+    def cut(families: Families, ends: Ends) -> np.ndarray:
+        X = ends.position
+        side = np.sign(level(X)).astype(np.int8)
+        for axis in np.eye(X.shape[1]):
+            step = TOUCH * ends.horizon[:, None] * axis
+            side[np.sign(level(X + step)) != np.sign(level(X - step))] = 0
+        crosses = _differ(families.center, families.offsets, families.neighbours, side)
+        if where is not None:
+            bonds = np.flatnonzero(crosses)
+            i, j = families.per_bond(np.arange(len(X)))[bonds], families.neighbours[bonds]
+            first = ends.ids[i] < ends.ids[j]
+            p, q = np.where(first, i, j), np.where(first, j, i)
+            crosses[bonds] = where(_crossing(level, side, X, p, q))
+        return crosses
+
     return cut
 
 
-def _sheet(vertices: np.ndarray, dim: int, place: str) -> Sheet:
-    if vertices.shape[1:] != (dim,) or not (len(vertices) == dim if dim < 3 else len(vertices) >= 3):
-        needs = {1: "one position", 2: "two points", 3: "three points or more"}[dim]
-        raise InputError(f"{place}: a crack in {dim}D needs {needs} of {dim} coordinate(s)")
-    if not np.all(np.isfinite(vertices)):
-        raise InputError(f"{place}: the crack has a point without finite coordinates")
-    origin = vertices.mean(axis=0)
-    arms = vertices - origin
-    size = float(np.ptp(vertices, axis=0).max())
-    if dim == 1:
-        return Sheet(origin, np.ones(1), np.empty((0, 1)), np.empty((1, 0)))
-    # Twice the area as a vector (Newell): that of a polygon, or of a strip one high along a segment.
-    across = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0) if dim == 3 else arms[1, ::-1] * [-2, 2]
-    extent = float(np.linalg.norm(across))
-    rounding = 1e-12 * float(np.abs(vertices).max())
-    if size <= rounding or extent <= 1e-9 * size ** (dim - 1):
-        raise InputError(f"{place}: the crack has no {'length' if dim == 2 else 'area'}")
-    normal = across / extent
-    height = arms @ normal
-    if np.abs(height).max() > FLATNESS * size:
-        raise InputError(
-            f"{place}: the corners of the crack do not lie in a plane: "
-            f"one is {np.abs(height).max():.3g} away from that of the others"
-        )
-    flat = arms - height[:, None] * normal
-    first = flat[np.argmax((flat**2).sum(axis=1))]
-    first = first / np.linalg.norm(first)
-    tangents = np.array([first] if dim == 2 else [first, np.cross(normal, first)])
-    return Sheet(origin, normal, tangents, np.ascontiguousarray(flat @ tangents.T))
-
-
 @njit(cache=True)
-def _cut(center, offsets, neighbours, X, ids, sheet, cut):
-    """Mark the bonds that meet the sheet."""
-    height = np.zeros(len(X))
-    far = 0.0  # from the plane of the sheet for a bond of any length
-    for i in range(len(X)):
-        distance = 0.0
-        for k in range(X.shape[1]):
-            arm = X[i, k] - sheet.origin[k]
-            height[i] += arm * sheet.normal[k]
-            distance += abs(arm)
-        far = max(far, 2 * TOUCH * distance)
+def _differ(center, offsets, neighbours, side):
+    """Mask of the bonds whose ends are on different sides."""
+    differ = np.zeros(len(neighbours), np.bool_)
     for f in range(len(center)):
-        i = center[f]
         for b in range(offsets[f], offsets[f + 1]):
-            j = neighbours[b]
-            if min(height[i], height[j]) > far or max(height[i], height[j]) < -far:
-                continue
-            p, q = (i, j) if ids[i] < ids[j] else (j, i)
-            cut[b] = _meets(X[p], X[q], height[p], height[q], sheet)
+            differ[b] = side[center[f]] != side[neighbours[b]]
+    return differ
 
 
-@njit(cache=True)
-def _meets(start, end, above, below, sheet):
-    """Whether a bond meets the sheet; its ends have these heights above the sheet's plane."""
-    dim = len(start)
-    square = 0.0
-    for k in range(dim):
-        square += (end[k] - start[k]) ** 2
-    near = TOUCH * np.sqrt(square)
-    if (above > near and below > near) or (above < -near and below < -near):
-        return False
-    if abs(above) <= near and abs(below) <= near:  # along the crack
-        return False
-    share = min(max(above / (above - below), 0.0), 1.0)
-    point = np.zeros(2)
-    for t in range(dim - 1):
-        for k in range(dim):
-            point[t] += (start[k] + share * (end[k] - start[k]) - sheet.origin[k]) * sheet.tangents[t, k]
-    return dim == 1 or _covers(sheet.corners, point, near)
-
-
-@njit(cache=True)
-def _covers(corners, point, near):
-    """Whether a point of the plane (of the line) lies in the polygon (between the two ends) or within `near` of it."""
-    if corners.shape[1] == 1:
-        return min(corners[0, 0], corners[1, 0]) - near <= point[0] <= max(corners[0, 0], corners[1, 0]) + near
-    inside = False
-    for k in range(len(corners)):
-        ax, ay = corners[k - 1, 0] - point[0], corners[k - 1, 1] - point[1]
-        bx, by = corners[k, 0] - point[0], corners[k, 1] - point[1]
-        ex, ey = bx - ax, by - ay
-        square = ex * ex + ey * ey
-        share = min(max(-(ax * ex + ay * ey) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        if (ax + share * ex) ** 2 + (ay + share * ey) ** 2 <= near * near:
-            return True
-        if (ay > 0.0) != (by > 0.0) and (ax * by - bx * ay > 0.0) == (by > ay):  # the edge crosses the ray to the right
-            inside = not inside
-    return inside
+def _crossing(level, side, X, p, q) -> np.ndarray:
+    """Where the bonds from p to q, whose sides differ, cross the level set: one of the ends if it lies on it."""
+    low, high = np.zeros(len(p)), np.ones(len(p))
+    high[side[p] == 0] = 0.0
+    low[side[q] == 0] = 1.0
+    for _ in range(50):
+        middle = (low + high) / 2
+        before = np.sign(level(X[p] + middle[:, None] * (X[q] - X[p]))) == side[p]
+        between = low < high
+        low = np.where(between & before, middle, low)
+        high = np.where(between & ~before, middle, high)
+    return X[p] + ((low + high) / 2)[:, None] * (X[q] - X[p])

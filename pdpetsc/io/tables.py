@@ -5,7 +5,10 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import tomli_w
+
+from pdpetsc.quantities import AXES
 
 MARK = "# pdpetsc "
 """First words of the case as run: what tells a result directory of ours from others."""
@@ -18,7 +21,7 @@ def write_case(directory: Path, document: dict, command: str) -> None:
 
 FILES = {
     "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png", "curve.png",
-    "checkpoint.h5", "checkpoint.h5.new",
+    "checkpoint.h5", "checkpoint.h5.new", "broken_bonds.csv", "broken_bonds.new",
 }  # fmt: skip
 """All that a run leaves in its result directory."""
 
@@ -42,6 +45,24 @@ def write_history(path: Path, rows: list[dict]) -> None:
         writer.writerow([*columns, *probes])
         for row in rows:
             writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
+
+
+def write_broken_bonds(path: Path, bonds: np.ndarray, ends: np.ndarray, times: dict[int, float]) -> None:
+    """Write the bonds that have failed, whole or not at all: a row for each direction, by load step and ids.
+
+    Args:
+        bonds: (n, 3) ids of both ends and the load step.
+        ends: (n, 2 dim) positions of both ends.
+        times: of the load steps.
+    """
+    axes, new = AXES[: ends.shape[1] // 2], path.with_suffix(".new")
+    order = np.lexsort(bonds.T[[1, 0, 2]])
+    with new.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["step", "time", "i", "j", *(f"{axis.upper()}_{end}" for end in "ij" for axis in axes)])
+        for (i, j, step), place in zip(bonds[order].astype(np.int64).tolist(), ends[order].tolist()):
+            writer.writerow([step, times[step], i, j, *(f"{x:.9g}" for x in place)])
+    os.replace(new, path)
 
 
 def write_summary(path: Path, summary: dict) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from pdpetsc.body.cracks import Crack
 from pdpetsc.body.sets import Sets
 from pdpetsc.body.surfaces import on_surface
 from pdpetsc.errors import InputError, at
@@ -41,8 +42,8 @@ def loads_of(case, p: Particles, sets: Sets) -> list[Load]:
     return loads
 
 
-def tractions_of(case, p: Particles, materials: list[Material]) -> list[Traction]:
-    """What acts on surfaces (collective). Several loads on one surface share its points.
+def tractions_of(case, p: Particles, materials: list[Material], cracks: list[Crack]) -> list[Traction]:
+    """What acts on surfaces (collective). Several loads on one surface share its points; they see across no crack.
 
     Raises:
         InputError: there is nothing on a surface, or its points see too few particles.
@@ -60,13 +61,13 @@ def tractions_of(case, p: Particles, materials: list[Material]) -> list[Traction
                 remedy = "; the border of body.keep is a surface with body.fitted = true" if unfitted else ""
                 raise InputError(f"{place}: nothing of the body lies on {spec.surface!r}{remedy}")
             with collective(mpi), at(place):
-                surfaces[key] = _surface(case, p, facets, materials, spec.transfer)
+                surfaces[key] = _surface(p, facets, materials, spec.transfer, cracks)
         axes = getattr(spec, "component", ())
         tractions.append(Traction(surfaces[key], axes, spec.value, follows(spec, materials)))
     return tractions
 
 
-def _surface(case, p: Particles, facets: Facets, materials: list[Material], transfer: str) -> Surface:
+def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: str, cracks: list[Crack]) -> Surface:
     def of_materials(parent, r):
         alpha = np.empty(len(r))
         for material in materials:
@@ -75,5 +76,4 @@ def _surface(case, p: Particles, facets: Facets, materials: list[Material], tran
         return alpha
 
     alpha = of_materials if transfer == "cut_bonds" else lambda parent, r: TRANSFER[transfer](r)
-    cracks = [crack.vertices for crack in case.body.cracks]
     return Surface(facets, p.position, p.volume, p.horizon, p.spacing, alpha, p.id, cracks)

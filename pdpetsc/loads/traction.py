@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pdpetsc.body.cracks import cut_bonds
+from pdpetsc.body.cracks import Ends, cut_bonds
 from pdpetsc.body.surfaces import facet_coordinates
 from pdpetsc.bonds import DualFamilies, Families, find_families
 from pdpetsc.errors import InputError
@@ -57,7 +57,7 @@ class Surface:
         order = np.argsort(own, kind="stable")
         offsets = np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes)])
         families = Families(facets.parent.astype(np.int32), offsets, neighbours[order])
-        families = families.without(cut_bonds(families, position, ids, cracks).any(axis=0))
+        families = families.without(cut_bonds(families, Ends(position, horizon, ids), cracks).any(axis=0))
         offsets, neighbours = families.offsets, families.neighbours
         own = np.repeat(np.arange(n), np.diff(offsets))
 

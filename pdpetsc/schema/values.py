@@ -35,15 +35,16 @@ def setting_of(document: dict) -> Setting:
     return Setting(dim, ("all", *names[0]), (*FACES[: 2 * dim], *border, *names[1]))
 
 
-def formula(*more_names: str, condition: bool = False, of_surface: bool = False):
-    """Return the type of a number or expression in the reference coordinates, the spacing, the normal where it is one
-    `of_surface`, and further variables."""
+def formula(*more_names: str, condition: bool = False, of_surface: bool = False, local: bool = True):
+    """Return the type of a number or expression in the reference coordinates, the spacing where it is `local` to a
+    particle, the normal where it is one `of_surface`, and further variables."""
 
     def parse(value: Any, info: ValidationInfo) -> Expression:
         dim = info.context.dim
         normal = NORMALS[:dim] if of_surface else ()
         try:
-            expression = Expression(value, [*COORDINATES[:dim], *normal, "spacing", *more_names])
+            names = [*COORDINATES[:dim], *normal, *(["spacing"] if local else []), *more_names]
+            expression = Expression(value, names)
         except InputError as error:
             raise ValueError(str(error)) from None
         if expression.is_condition and not condition:

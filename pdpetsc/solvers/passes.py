@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pdpetsc.assembly import Assembler
-from pdpetsc.fracture import Fracture
+from pdpetsc.fracture import STRIDE, Fracture
 from pdpetsc.solvers.newton import Newton, NewtonRecord, StepFailed
 from pdpetsc.state import State
 
@@ -32,11 +32,9 @@ class StepRecord:
     arc_length: float = 0.0
 
 
-STILL = 0.02
-"""Growth of stretches, in critical ones, below which Newton's method is tried again with softening that follows."""
-
-SETTLED = 1e-6
-"""Growth below which softening that stays as it is has settled."""
+LEAP = 0.1
+"""Growth of a stretch, in critical ones, beyond which Newton's method has leapt with softening that follows: the bonds
+between may have been past any number of barriers."""
 
 
 class Overshoot(StepFailed):
@@ -61,18 +59,19 @@ class Passes:
         self.newton, self.assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
         self._passed = passed
 
-    def advance(self, state: State, time: float, last: bool) -> tuple[State, StepRecord]:
+    def advance(self, state: State, time: float, last: bool, coarse: bool = False) -> tuple[State, StepRecord]:
         """The next state, at `time`.
 
         Args:
             state: the last one; it stays as it is.
             time: where loads are taken.
             last: whether the increment may not be cut further, so that an overshoot is accepted.
+            coarse: whether it shall be cut where Newton finds no equilibrium with softening that follows the stretches.
 
         Raises:
             StepFailed: there is no equilibrium, or an overshoot; what failed on the way is taken back.
         """
-        return self.solve(state, self._at(time), overshoot=np.inf if last else self._overshoot)
+        return self.solve(state, self._at(time), overshoot=np.inf if last else self._overshoot, coarse=coarse)
 
     def _at(self, time: float) -> Callable[[State, bool], tuple]:
         """What finds the equilibrium at a time."""
@@ -84,8 +83,9 @@ class Passes:
         return equilibrium
 
     def solve(
-        self, state: State, equilibrium: Callable[[State, bool], tuple], again: bool = True, overshoot: float = np.inf
-    ) -> tuple[State, StepRecord]:
+        self, state: State, equilibrium: Callable[[State, bool], tuple], again: bool = True, overshoot: float = np.inf,
+        coarse: bool = False,
+    ) -> tuple[State, StepRecord]:  # fmt: skip
         """The next state, until no more bonds fail in it.
 
         Args:
@@ -95,6 +95,7 @@ class Passes:
             again: whether bonds that fail in it are broken and it is looked for again; if not, the step begins with
                 breaking what is critical.
             overshoot: what is allowed to the first pass.
+            coarse: as of `advance`.
 
         Raises:
             StepFailed: as of `advance`.
@@ -105,18 +106,19 @@ class Passes:
             record.passes.append(newton)
             return new, record
         try:
-            self._until_nothing_fails(state, new, record, equilibrium, again, overshoot)
+            self._until_nothing_fails(state, new, record, equilibrium, again, overshoot, coarse)
         except StepFailed:
             self._fracture.roll_back(state.u)
             raise
         return new, record
 
     def _until_nothing_fails(
-        self, state: State, new: State, record: StepRecord, equilibrium, again: bool, overshoot: float
-    ) -> None:
+        self, state: State, new: State, record: StepRecord, equilibrium, again: bool, overshoot: float,
+        coarse: bool,
+    ) -> None:  # fmt: skip
         fracture, a = self._fracture, self.assembler
         a.set_time(new.time)
-        live, growth, still, near = fracture.softens, 0.0, STILL, False
+        live, near = fracture.softens, False
         if not again and self._fail(new, fracture.ratios(new.u), record) and fracture.separated:
             equilibrium, near = self._at(new.time), True
         while True:
@@ -125,9 +127,15 @@ class Passes:
                 fracture.set_live(live)
             try:
                 u, time, newton = equilibrium(new, near or bool(record.passes))
+                growth = fracture.growth(u)
+                if live and fracture.worst(growth) > LEAP:
+                    leap = fracture.worst(growth)
+                    raise Overshoot(f"softening leaps by {leap:.3g} critical stretches", 0.8 * LEAP / leap)
             except StepFailed:
+                if live and coarse:
+                    raise
                 if live:
-                    live, still = False, still / 4
+                    live = False
                     a.set_time(new.time)  # loads do their work from there
                 elif not (again and record.passes and self._run_on(new, record)):
                     raise
@@ -135,7 +143,7 @@ class Passes:
             record.passes.append(newton)
             self._account(new, before, u)
             if fracture.softens:
-                growth = self._soften(new, u, live)
+                self._soften(new, u, growth, live)
             new.u, new.time = u, time
             if fracture.separated or not again:
                 break
@@ -145,12 +153,8 @@ class Passes:
                 last = fracture.worst(fracture.ratios(state.u))
                 share = (1 + overshoot / 2 - last) / (worst - last)
                 raise Overshoot(f"a bond is at {worst:.3g} of its critical value", share)
-            if self._fail(new, ratio, record):
-                live = fracture.softens and (live or growth < still)
-            elif live or not fracture.softens or growth < SETTLED:
+            if not self._fail(new, ratio, record) and (live or fracture.worst(growth) <= STRIDE / 2):
                 break
-            else:
-                live = growth < still
         record.stored, record.separated, record.broken = a.stored_energy(new.u), fracture.separated, fracture.count
         record.held = a.mpi.allreduce(int(fracture.held.sum()))
 
@@ -176,16 +180,15 @@ class Passes:
         self._passed(record)
         return True
 
-    def _soften(self, state: State, u: np.ndarray, live: bool) -> float:
-        """Take over the stretches of softening bonds at displacements u, and add what that has dissipated on the way
-        from a state, or where it is, to the state; the growth that is left out."""
+    def _soften(self, state: State, u: np.ndarray, growth: np.ndarray, live: bool) -> None:
+        """Take over the growth of the stretches of softening bonds at displacements u, and add what that has dissipated
+        on the way from a state, or where it is, to the state."""
         fracture, a = self._fracture, self.assembler
         places = (state.u, u) if live else (u,)
         fracture.set_live(False)
         whole = sum(a.stored_energy(place) for place in places)
-        growth = fracture.soften(u, 0.0 if live else fracture.fraction)
+        fracture.soften(growth, 0.0 if live else fracture.fraction)
         state.dissipated += (whole - sum(a.stored_energy(place) for place in places)) / len(places)
-        return growth
 
     def _forces(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Internal forces, and external ones with what supports carry on constrained entries."""

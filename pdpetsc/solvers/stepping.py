@@ -11,6 +11,9 @@ from pdpetsc.state import State
 EASY = 5
 """A step solved in this many Newton iterations or fewer lets the next one be twice as long."""
 
+FINE = 1 / 8
+"""Of the nominal step: where softening bonds leave no equilibrium near, longer steps are cut before bonds run on."""
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -78,7 +81,8 @@ def march(
         tried = target - state.time
         cut = schedule.adaptive and tried / 2 >= schedule.smallest
         try:
-            new, record = passes.advance(state, target, last=not cut)
+            coarse = cut and tried > FINE * schedule.nominal * (1 + 1e-9)
+            new, record = passes.advance(state, target, last=not cut, coarse=coarse)
         except StepFailed as failure:
             if not cut:
                 remedy = "a smaller min_step" if schedule.adaptive else "more steps or adaptive = true"

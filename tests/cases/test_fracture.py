@@ -67,7 +67,15 @@ def test_a_body_that_comes_apart(comm, run):
         first, end = (file[f"{step['step']:05d}/damage"][...] for step in (summary["steps"][0], last))
     assert not first.any() and end.max() == summary["probes"]["damage"] and end.min() == 0.0
     with h5py.File(result.out / "checkpoint.h5", "r") as file:
-        assert file["damaged/broken_bonds"].shape == (last["broken_bonds"], 3)
+        kept = file["damaged/broken_bonds"][...]
+    assert kept.shape == (last["broken_bonds"], 3)
+    with (result.out / "broken_bonds.csv").open() as file:
+        bonds = list(csv.DictReader(file))
+    assert [[int(bond[key]) for key in ("i", "j", "step")] for bond in bonds] == kept.tolist()
+    times = {step["step"]: step["time"] for step in summary["steps"]}
+    assert all(float(bond["time"]) == times[int(bond["step"])] for bond in bonds)
+    ends = {(bond["i"], bond["j"]): (bond["X_i"], bond["Y_i"], bond["X_j"], bond["Y_j"]) for bond in bonds}
+    assert all(ends[j, i] == (x_j, y_j, x_i, y_i) for (i, j), (x_i, y_i, x_j, y_j) in ends.items())
 
 
 def test_restart_where_a_body_has_come_apart(comm, run, capsys):

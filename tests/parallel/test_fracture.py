@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from bodies import assembler, distributed, families_of, jittered, whole
 from models import MODELS, NAMES, dimensions_of_the_model, strong_gradient  # noqa: F401  used by itself
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc.case import Case
 from pdpetsc.errors import InputError
-from pdpetsc.fracture import TIE
+from pdpetsc.fracture import STRIDE, TIE
 from pdpetsc.io.checkpoint import gathered_bonds, read_damaged, read_state, write_checkpoint
 from pdpetsc.opposite import Opposite
 from pdpetsc.simulation import Simulation
@@ -472,18 +473,29 @@ def test_restart_of_softening_bonds(comm, shared_tmp_path):
     assert_same(Run(again), through, rel=1e-7)
 
 
-def test_fading_bonds_do_not_wait_for_rounding(comm):
-    """What the worst of them still grows by, less than a millionth, is left to later passes, and others go on."""
+def test_fading_bonds_go_on_in_teeth(comm):
+    """The worst go half a tooth beyond their stretch and then wait for it to come as far again; others go on."""
     built = simulation(document("ordinary", damage=FADING))
     p, fracture = built.particles, built.fracture
     u = np.zeros((p.owned, 2))
     u[:, 0] = 1.9e-3 * (p.position[: p.owned, 0] - 0.075 + 2 * (p.position[: p.owned, 0] - 0.075) ** 2)
-    left = fracture.soften(u, 0.95)
+    growth = fracture.growth(u)
+    assert fracture.worst(growth) > 0.4
+    fracture.soften(growth, 0.95)
     first = fracture.largest.copy()
-    assert left > 0.5 and comm.allreduce(int((first > 0).sum())) > 0
-    assert fracture.soften((1 + 1e-9) * u, 0.95) < left
-    assert np.array_equal(fracture.largest[first > 0], first[first > 0])
+    ratio = fracture.ratios(u)
+    worst = comm.allreduce(ratio.max(), MPI.MAX)
+    went = first > 0
+    assert comm.allreduce(int(went.sum())) > 0 and (ratio[went] > 0.94 * worst).all()
+    assert np.allclose(first[went], ratio[went] + STRIDE / 2, rtol=1e-12)
+    fracture.soften(fracture.growth((1 + 0.4 * STRIDE) * u), 0.95)
+    assert np.array_equal(fracture.largest[went], first[went])
     assert comm.allreduce(int((fracture.largest != first).sum())) > 0
+    for _ in range(100):
+        fracture.soften(fracture.growth(u), 0.95)
+    assert fracture.worst(fracture.growth(u)) <= STRIDE / 2
+    fracture.soften(fracture.growth(u), 0.0)
+    assert fracture.worst(fracture.growth(u)) == 0.0
 
 
 def test_paths_of_failing_bonds(comm):

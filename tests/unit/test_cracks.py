@@ -7,13 +7,14 @@ import pytest
 from bodies import distributed, families_of, jittered
 from models import lattice
 
-from pdpetsc.body.cracks import cut_bonds
+from pdpetsc.body.cracks import Ends, cut_bonds, level_set_crack, sheets_crack
+from pdpetsc.body.sheets import disc, polygons
 from pdpetsc.bonds import find_families
 from pdpetsc.errors import InputError
 
 
 def crack(*vertices):
-    return [list(vertex) for vertex in vertices]
+    return sheets_crack(polygons(np.array([vertices], float), "body.cracks.1"))
 
 
 def cut_pairs(X, horizon, *cracks, ids=None):
@@ -21,7 +22,7 @@ def cut_pairs(X, horizon, *cracks, ids=None):
     ids = np.arange(len(X)) if ids is None else ids
     families = find_families(X, np.broadcast_to(horizon, len(X)), ids, len(X))
     pairs = np.stack([families.per_bond(np.arange(len(X))), families.neighbours], axis=1)
-    return pairs, cut_bonds(families, X, ids, list(cracks)).any(axis=0)
+    return pairs, cut_bonds(families, Ends(X, np.broadcast_to(horizon, len(X)), ids), list(cracks)).any(axis=0)
 
 
 def segments(*bonds):
@@ -148,15 +149,11 @@ def test_the_unit_of_length_does_not_matter(scale):
 @pytest.mark.parametrize(
     ("dim", "vertices", "message"),
     [
-        (1, [[0.0], [1.0]], "a crack in 1D needs one position"),
-        (2, [[0.0, 0.0]], "a crack in 2D needs two points"),
-        (3, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], "a crack in 3D needs three points or more"),
-        (2, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], "a crack in 2D needs two points of 2 coordinate"),
         (2, [[0.3, 0.1], [0.3, 0.1]], "the crack has no length"),
         (2, [[0.3, np.inf], [0.3, 0.1]], "finite"),
         (3, [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.3, 0.3, 0.3]], "the crack has no area"),
         (3, [[1.0, 2.0, 3.0]] * 3, "the crack has no area"),
-        (3, [[0, 0, 0], [1, 0, 0], [1, 1, 1e-5], [0, 1, 0]], "do not lie in a plane: one is 2.5e-06 away"),
+        (3, [[0, 0, 0], [1, 0, 0], [1, 1, 1e-5], [0, 1, 0]], "is not plane: a corner is 2.5e-06 away"),
     ],
 )
 def test_what_is_no_crack(dim, vertices, message):
@@ -171,18 +168,99 @@ def test_a_nearly_plane_polygon():
     assert cut.any()
 
 
+def test_a_disc():
+    """In a tilted plane, against the distance of the crossing from the centre; its edge counts."""
+    X = jittered((7, 6, 6), 0.4)
+    center, across, radius = np.array([3.1, 2.9, 3.2]), np.array([1.0, -2.0, 2.0]) / 3, 1.7
+    pairs, cut = cut_pairs(X, 2.0, sheets_crack(disc(center, across, radius)))
+    height = (X - center) @ across
+    a, b = height[pairs].T
+    with np.errstate(all="ignore"):
+        crossing = X[pairs[:, 0]] + (a / (a - b))[:, None] * (X[pairs[:, 1]] - X[pairs[:, 0]])
+        expected = (a * b < 0) & (np.linalg.norm(crossing - center, axis=1) < radius)
+    assert np.array_equal(cut, expected) and 50 < cut.sum() < len(cut) / 2
+    edge = segments(([0, 1, -1], [0, 1, 1]), ([0, 1 + 1e-8, -1], [0, 1 + 1e-8, 1]), ([0.1, 0, 0], [0.2, 0.1, 0]))
+    assert edge(sheets_crack(disc((0, 0, 0), (0, 0, 1), 1.0))) == [True, False, False]
+
+
+def test_a_level_set_is_the_line_that_it_describes():
+    X = jittered((9, 7), 0.4)
+    level = level_set_crack(lambda X: 3 * X[:, 1] - X[:, 0] - 6, lambda X: (X[:, 0] > 1.5) & (X[:, 0] < 6.3))
+    _, cut = cut_pairs(X, 2.5, crack([1.5, 2.5], [6.3, 4.1]))
+    pairs, same = cut_pairs(X, 2.5, level)
+    assert np.array_equal(cut, same) and cut.any()
+    _, everywhere = cut_pairs(X, 2.5, level_set_crack(level_of := lambda X: 3 * X[:, 1] - X[:, 0] - 6, None))
+    assert np.array_equal(everywhere, (level_of(X)[pairs] > 0).sum(axis=1) == 1)
+
+
+@pytest.mark.parametrize("scale", (1e-6, 1.0, 1e6))
+def test_a_level_set_through_particles(scale):
+    """Particles on it keep the bonds along it, whatever the rounding of their places; the condition holds at them."""
+    X = scale * (0.1 * lattice((6, 5)) + 0.1)
+    row = X[:, 1] == X[12, 1]
+
+    def level(X):
+        return (X[:, 1] / 3 - 0.35 * scale / 3) * (1 + X[:, 0] ** 2 / scale**2)
+
+    pairs, cut = cut_pairs(X, 0.15 * scale, level_set_crack(level, None))
+    assert np.array_equal(cut, row[pairs[:, 0]] != row[pairs[:, 1]]) and cut.any()
+    pairs, cut = cut_pairs(X, 0.15 * scale, level_set_crack(level, lambda X: X[:, 0] < 0.3 * scale))
+    on = np.where(row[pairs[:, 0]], pairs[:, 0], pairs[:, 1])
+    assert np.array_equal(cut, (row[pairs[:, 0]] != row[pairs[:, 1]]) & (X[on, 0] < 0.3 * scale))
+
+
+def test_a_level_set_that_jumps():
+    """Between two regions."""
+    X = lattice((6, 5))
+
+    def region(X):
+        return np.where((X[:, 0] < 2.2) & (X[:, 1] < 3.1), -1.0, 1.0)
+
+    pairs, cut = cut_pairs(X, 2.5, level_set_crack(region, lambda X: X[:, 1] < 2.0))
+    differ = region(X)[pairs[:, 0]] != region(X)[pairs[:, 1]]
+    assert 0 < cut.sum() < differ.sum() and not (cut & ~differ).any()
+
+
+def sphere(n: int) -> np.ndarray:
+    """Triangles (n, 3, 3) of a sphere of radius 1, between points on it."""
+    u, v = np.meshgrid(np.linspace(0, np.pi, n + 1), np.linspace(0, 2 * np.pi, 2 * n + 1), indexing="ij")
+    points = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    lower, upper = np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)
+    return np.concatenate([lower[:-1].reshape(-1, 3, 3), upper[1:].reshape(-1, 3, 3)])
+
+
+@pytest.mark.parametrize("size", (0.3, 3.0))
+def test_many_sheets_are_as_good_as_one_after_the_other(size):
+    """A sphere of hundreds of triangles, smaller or larger than the bonds, against its triangles by themselves and
+    against inside and outside."""
+    X = jittered((8, 7, 7), 0.4)
+    triangles = size * sphere(9) + [4.03, 3.51, 3.48]
+    pairs, cut = cut_pairs(X, 2.1, sheets_crack(polygons(triangles, "")))
+    single = [cut_pairs(X, 2.1, sheets_crack(polygons(t[None], "")))[1] for t in triangles]
+    assert np.array_equal(cut, np.any(single, axis=0)) and cut.any()
+    distance = np.linalg.norm(X - [4.03, 3.51, 3.48], axis=1)[pairs] / size
+    through = (distance.min(axis=1) < 0.95) & (distance.max(axis=1) > 1)
+    outside = distance.min(axis=1) > 2.2 / size + 1
+    within = distance.max(axis=1) < 0.9
+    assert cut[through].all() and not cut[outside | within].any()
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("dim", (2, 3))
 def test_alike_from_both_ends_and_on_all_ranks(comm, dim):
     """Some cracks go through particles and along rows of them, where rounding decides."""
     counts, third = ((14, 9), []) if dim == 2 else ((7, 6, 5), [0.0])
     tilted = ([0.1, 0.1, *third], [9.3, 5.3, *third]), ([0.5, 0.5, *third], [4.5, 4.5, *third])
-    cracks = [crack(*ends) if dim == 2 else crack(*ends, [*ends[1][:2], 2.5], [*ends[0][:2], 2.5]) for ends in tilted]
+    ends = 0.1 * np.array(tilted)
+    cracks = [crack(*e) if dim == 2 else crack(*e, [*e[1][:2], 0.25], [*e[0][:2], 0.25]) for e in ends]
+    cracks.append(level_set_crack(lambda X: X[:, 1] - 0.25 - X[:, 0] ** 2, lambda X: X[:, 0] < 0.4))
+    if dim == 3:
+        cracks.append(sheets_crack(disc((0.35, 0.3, 0.25), (0.0, 0.0, 1.0), 0.2)))
     X, horizon = 0.1 * lattice(counts), np.random.default_rng(0).uniform(0.16, 0.3, np.prod(counts))
-    cracks = [[[0.1 * x for x in vertex] for vertex in c] for c in cracks]
     p = distributed(X, horizon, spacing=0.1)
     families = families_of(p)
-    cut = cut_bonds(families, p.position, p.id, cracks).any(axis=0)
+    cut = cut_bonds(families, Ends(p.position, p.horizon, p.id), cracks).any(axis=0)
     pairs = np.stack([p.id[families.per_bond(np.arange(p.local))], p.id[families.neighbours]], axis=1)[cut]
     found = {tuple(pair) for part in comm.allgather(pairs.tolist()) for pair in part}
     pairs, cut = cut_pairs(X, horizon, *cracks)

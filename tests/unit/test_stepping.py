@@ -24,7 +24,7 @@ class Passes:
         self.limit, self.iterations = limit, iterations
         self.asked = []
 
-    def advance(self, state, time, last):
+    def advance(self, state, time, last, coarse):
         self.asked.append(time)
         if time > self.limit(state.time):
             raise StepFailed("DIVERGED_MAX_IT")
@@ -48,6 +48,23 @@ def test_fixed_steps_are_exact_multiples(steps, end):
         committed, cuts = times(Passes(), schedule(steps, end, adaptive))
         assert committed == [end * k / steps for k in range(1, steps + 1)]
         assert not cuts
+
+
+def test_steps_are_coarse_down_to_an_eighth_of_the_nominal_one():
+    class Noting(Passes):
+        def advance(self, state, time, last, coarse):
+            self.sizes.append((time - state.time, coarse))
+            return super().advance(state, time, last, coarse)
+
+    passes = Noting(lambda start: start + 0.03)
+    passes.sizes = []
+    times(passes, schedule(2))
+    assert {coarse for size, coarse in passes.sizes if size > 0.0626} == {True}
+    assert {coarse for size, coarse in passes.sizes if size < 0.0624} == {False}
+    fixed = Noting()
+    fixed.sizes = []
+    times(fixed, schedule(2, adaptive=False))
+    assert [coarse for _, coarse in fixed.sizes] == [False, False]
 
 
 def test_a_failed_step_is_halved_until_it_is_solved():

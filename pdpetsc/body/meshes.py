@@ -1,0 +1,80 @@
+"""Surfaces that meshes hold, read with meshio."""
+
+import io
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from pdpetsc.errors import InputError
+
+FACES = {
+    2: {"line": [[0, 1]], "line3": [[0, 1]]},
+    3: {
+        "triangle": [[0, 1, 2]],
+        "triangle6": [[0, 1, 2]],
+        "quad": [[0, 1, 2], [0, 2, 3]],
+        "quad8": [[0, 1, 2], [0, 2, 3]],
+        "quad9": [[0, 1, 2], [0, 2, 3]],
+    },
+}
+"""Cells that are pieces of a surface in a space of so many dimensions, as lines or triangles between their corners."""
+
+
+def surface_of_mesh(path: str, dim: int, name: str | None) -> np.ndarray:
+    """The lines (2D) or triangles (3D) of a mesh, (sheets, dim, dim) coordinates of their corners.
+
+    Args:
+        path: a file of a kind that meshio reads.
+        dim: of the space; in 2D the mesh lies in a plane z = constant.
+        name: of a set of cells or a physical group, or None: all cells of that dimension.
+
+    Raises:
+        InputError: the file cannot be read, has no such set or nothing of that dimension in it.
+    """
+    mesh = _read(path)
+    points = np.asarray(mesh.points, float)
+    if points.ndim != 2 or points.shape[1] < dim:
+        raise InputError(f"{path}: has points of fewer than {dim} coordinates")
+    if dim == 2 and points.shape[1] > 2 and np.ptp(points[:, 2]) > 1e-9 * np.ptp(points[:, :2], axis=0).max():
+        raise InputError(f"{path}: does not lie in a plane z = constant, as a crack in 2D must")
+    chosen = _chosen(mesh, name, path)
+    sheets = []
+    for k, block in enumerate(mesh.cells):
+        for corners in FACES[dim].get(block.type, []):
+            cells = np.asarray(block.data)[chosen[k]]
+            if cells.size and not 0 <= cells.min() <= cells.max() < len(points):
+                raise InputError(f"{path}: a cell has a point that the mesh does not have")
+            sheets.append(points[cells[:, corners], :dim])
+    if not sum(map(len, sheets)):
+        kind = {2: "lines", 3: "triangles or quadrilaterals"}[dim]
+        there = ", ".join(sorted({block.type for block in mesh.cells})) or "no cells"
+        within = f" in {name!r}" if name else ""
+        raise InputError(f"{path}: has no {kind}{within}, which a crack in {dim}D is made of; there are {there}")
+    return np.concatenate(sheets)
+
+
+def _read(path: str) -> meshio.Mesh:
+    if not Path(path).is_file():
+        raise InputError(f"{path}: there is no such file")
+    said = io.StringIO()
+    try:
+        with redirect_stdout(said), redirect_stderr(said):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:  # its readers raise whatever comes up in a damaged file
+        reason = " ".join(str(error).split()) if not isinstance(error, SystemExit) else ""
+        raise InputError(f"{path}: is not a mesh that can be read" + (f": {reason[:200]}" if reason else "")) from None
+
+
+def _chosen(mesh: meshio.Mesh, name: str | None, path: str) -> list:
+    """Indices of the chosen cells of each block."""
+    if name is None:
+        return [slice(None)] * len(mesh.cells)
+    if name in mesh.cell_sets:
+        return [np.asarray(some, np.int64) if some is not None else [] for some in mesh.cell_sets[name]]
+    if name in mesh.field_data and "gmsh:physical" in mesh.cell_data:
+        number = int(mesh.field_data[name][0])
+        return [np.flatnonzero(np.asarray(tags) == number) for tags in mesh.cell_data["gmsh:physical"]]
+    names = sorted({*mesh.cell_sets, *mesh.field_data} - {"gmsh:bounding_entities"})
+    raise InputError(f"{path}: has no set of cells {name!r}; choices: {', '.join(names) or 'none'}")
