@@ -214,7 +214,8 @@ class Fracture:
     def growth(self, u: np.ndarray) -> np.ndarray:
         """By how much the stretch of each bond at owned displacements u is beyond that to which it has softened, in
         critical stretches; 0 where it is not or does not soften."""
-        local, growth = self._assembler.localise(u), np.zeros(self.families.bonds)
+        growth = np.zeros(self.families.bonds)
+        local = self._assembler.localise(u) if self._fading else None
         for m, rule in self._fading:
             bonds = self._bonds[m]
             start = np.maximum(self.largest[bonds], rule.softening.s_min / self._critical(m, rule))
