@@ -46,6 +46,9 @@ as 20 to 30 solutions."""
 WORSE = 1.5
 """A preconditioner with which a linear solution takes this many times the iterations is made anew."""
 
+QUICK_ITERATIONS, QUICK_LINEAR = 8, 300
+"""Iterations of Newton's and of the Krylov method after which a quick attempt is given up."""
+
 NOT_A_NUMBER = -4
 """SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
 
@@ -126,6 +129,8 @@ class Newton:
         self._cost = np.inf  # least iterations for a decade of the linear residual with the present preconditioner
         self._unbalanced = 0.0  # norm of the forces out of balance at the start of a step
         self._before = 0.0  # norm of the right-hand side of the last linear solution
+        self._near = self._quick = False
+        self._most_linear = snes.getKSP().getTolerances()[3]
 
     def destroy(self) -> None:
         """Give back PETSc's memory (collective)."""
@@ -133,7 +138,9 @@ class Newton:
         self.snes.destroy()
         self.tangent.destroy()
 
-    def advance(self, u: np.ndarray, time: float, near: bool = False) -> tuple[np.ndarray, NewtonRecord]:
+    def advance(
+        self, u: np.ndarray, time: float, near: bool = False, quick: bool = False
+    ) -> tuple[np.ndarray, NewtonRecord]:
         """Equilibrium at `time` from that of the last step.
 
         Args:
@@ -141,13 +148,16 @@ class Newton:
             time: where the loads are taken.
             near: whether the new equilibrium is so near that the tangent at u serves as long as residuals fall by
                 `CONTRACTION` with it.
+            quick: whether to give up early, where there is another way to go on.
 
         Raises:
             StepFailed: with SNES's or KSP's reason.
         """
         with self.recording() as record:
             self._assembler.set_time(time)
-            self._near = near
+            self._near, self._quick = near, quick
+            most = min(self._most_linear, QUICK_LINEAR) if quick else self._most_linear
+            self.snes.getKSP().setTolerances(max_it=most)
             self._predict(u)
             self.snes.solve(None, self._x)
             reason = self.snes.getConvergedReason()
@@ -168,7 +178,7 @@ class Newton:
         """A new record. The seconds inside are its own; those of neither residual nor tangent count as `solve`."""
         start, seconds = clock.perf_counter(), self._assembler.timings.seconds
         elsewhere = sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
-        self.record, self._near, self.guess = NewtonRecord(), False, None
+        self.record, self._near, self._quick, self.guess = NewtonRecord(), False, False, None
         record = self.record
         try:
             yield record
@@ -284,6 +294,8 @@ class Newton:
         if len(history) > 1 and norm > 0.5 * history[-2] and self._at_rounding_floor(u):
             self.record.rounding_floor = True
             return reasons.CONVERGED_FNORM_RELATIVE
+        if self._quick and len(history) >= QUICK_ITERATIONS:
+            return reasons.DIVERGED_MAX_IT
         return reasons.ITERATING
 
     def _at_rounding_floor(self, u: np.ndarray) -> bool:

@@ -36,6 +36,10 @@ LEAP = 0.1
 """Growth of a stretch, in critical ones, beyond which Newton's method has leapt with softening that follows: the bonds
 between may have been past any number of barriers."""
 
+Equilibrium = Callable[[State, bool, bool], tuple[np.ndarray, float, NewtonRecord]]
+"""Gives displacements, time and record from the state so far, whether that is near because nothing but bonds has
+changed, and whether to give up early."""
+
 
 class Overshoot(StepFailed):
     """Bonds are further beyond their critical value than they may be at the end of a load increment."""
@@ -73,25 +77,24 @@ class Passes:
         """
         return self.solve(state, self._at(time), overshoot=np.inf if last else self._overshoot, coarse=coarse)
 
-    def _at(self, time: float) -> Callable[[State, bool], tuple]:
+    def _at(self, time: float) -> Equilibrium:
         """What finds the equilibrium at a time."""
 
-        def equilibrium(new: State, near: bool) -> tuple[np.ndarray, float, NewtonRecord]:
-            u, record = self.newton.advance(new.u, time, near)
+        def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, NewtonRecord]:
+            u, record = self.newton.advance(new.u, time, near, quick)
             return u, time, record
 
         return equilibrium
 
     def solve(
-        self, state: State, equilibrium: Callable[[State, bool], tuple], again: bool = True, overshoot: float = np.inf,
+        self, state: State, equilibrium: Equilibrium, again: bool = True, overshoot: float = np.inf,
         coarse: bool = False,
     ) -> tuple[State, StepRecord]:  # fmt: skip
         """The next state, until no more bonds fail in it.
 
         Args:
             state: the last one; it stays as it is.
-            equilibrium: gives displacements, time and NewtonRecord from the state so far, and whether that is near
-                because nothing but bonds has changed.
+            equilibrium: what finds it.
             again: whether bonds that fail in it are broken and it is looked for again; if not, the step begins with
                 breaking what is critical.
             overshoot: what is allowed to the first pass.
@@ -102,7 +105,7 @@ class Passes:
         """
         new, record = replace(state, step=state.step + 1), StepRecord()
         if self._fracture is None:
-            new.u, new.time, newton = equilibrium(new, False)
+            new.u, new.time, newton = equilibrium(new, False, False)
             record.passes.append(newton)
             return new, record
         try:
@@ -126,7 +129,7 @@ class Passes:
             if fracture.softens:
                 fracture.set_live(live)
             try:
-                u, time, newton = equilibrium(new, near or bool(record.passes))
+                u, time, newton = equilibrium(new, near or bool(record.passes), live)
                 growth = fracture.growth(u)
                 if live and fracture.worst(growth) > LEAP:
                     leap = fracture.worst(growth)

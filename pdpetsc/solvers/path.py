@@ -96,7 +96,7 @@ class Path:
         newton = self._newton
         self.tried = state.time
 
-        def equilibrium(new: State, near: bool) -> tuple[np.ndarray, float, NewtonRecord]:
+        def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, NewtonRecord]:
             if near and schedule.finished(new.time):
                 u, record = newton.advance(new.u, new.time, near)
                 return u, new.time, record
