@@ -141,17 +141,28 @@ def _merged(base: dict, changes: dict) -> dict:
     return merged
 
 
-def _with_paths(tables: Any, folder: Path) -> Any:
-    """Return tables whose files, the entries `mesh`, can be found from anywhere: they are relative to the case file."""
-    if isinstance(tables, list):
-        return [_with_paths(entry, folder) for entry in tables]
-    if not isinstance(tables, dict):
-        return tables
-    is_path = {key for key, value in tables.items() if key == "mesh" and isinstance(value, str) and value}
-    return {
-        key: str((folder / value).resolve()) if key in is_path else _with_paths(value, folder)
-        for key, value in tables.items()
-    }
+def _with_paths(document: dict, folder: Path) -> dict:
+    """Return tables whose meshes can be found from anywhere; in the case file their paths are relative to it."""
+
+    def found(cracks: Any) -> Any:
+        if not isinstance(cracks, list):
+            return cracks
+        return [
+            crack | {"mesh": str((folder / crack["mesh"]).resolve())}
+            if isinstance(crack, dict) and isinstance(crack.get("mesh"), str) and crack["mesh"]
+            else crack
+            for crack in cracks
+        ]
+
+    document = dict(document)
+    if isinstance(document.get("body"), dict) and "cracks" in document["body"]:
+        document["body"] = document["body"] | {"cracks": found(document["body"]["cracks"])}
+    if isinstance(document.get("damage"), dict):
+        document["damage"] = {
+            name: table | {"along": found(table["along"])} if isinstance(table, dict) and "along" in table else table
+            for name, table in document["damage"].items()
+        }
+    return document
 
 
 def _override(document: dict, override: str) -> None:

@@ -11,7 +11,9 @@ from mpi4py import MPI
 from pdpetsc.assembly import Assembler
 from pdpetsc.bonds import Families
 from pdpetsc.damage.stretch import pairs_across
+from pdpetsc.errors import InputError
 from pdpetsc.opposite import Opposite
+from pdpetsc.parallel import collective
 from pdpetsc.rules import Rule
 from pdpetsc.support import loose_pieces, pieces
 
@@ -223,24 +225,25 @@ class Fracture:
             growth[bonds] = np.where(self.intact[bonds] & ~self._exempt[bonds], np.maximum(beyond, 0.0), 0.0)
         return growth
 
-    def soften(self, growth: np.ndarray, fraction: float) -> None:
-        """Take over the stretches of bonds that have come beyond those to which they have softened, of those beyond a
-        fraction of the worst; softening stays as it then is (collective).
-
-        Where some are left out, bonds soften in teeth (sequentially linear analysis): one that has come `STRIDE`/2
-        beyond the stretch to which it has softened goes on to `STRIDE`/2 beyond the present one.
+    def soften(self, growth: np.ndarray, live: bool) -> None:
+        """Take over the stretches of bonds that have come beyond those to which they have softened; softening stays as
+        it then is (collective).
 
         Args:
             growth: by `growth`.
-            fraction: 0: of all.
+            live: whether softening has followed the stretches. If not, bonds soften in teeth, the worst first
+                (sequentially linear analysis): one that has come `STRIDE`/2 beyond the stretch to which it has softened
+                goes on to `STRIDE`/2 beyond the present one, short of the critical one, at which it fails.
         """
-        tooth, start = STRIDE / 2 if fraction else 0.0, self.largest.copy()
+        fraction, tooth = (0.0, 0.0) if live else (self.fraction, STRIDE / 2)
+        start = self.largest.copy()
         for m, rule in self._fading:
             bonds = self._bonds[m]
             start[bonds] = np.maximum(start[bonds], rule.softening.s_min / self._critical(m, rule))
         stretch = np.where(growth > tooth, start + growth, 0.0)
         taken = (stretch > 0.0) & (stretch >= fraction * self.worst(stretch) * (1 - TIE))
-        self.largest = np.where(taken, stretch + tooth, self.largest)
+        ahead = np.maximum(stretch, np.minimum(stretch + tooth, 1 - tooth))
+        self.largest = np.where(taken, ahead, self.largest)
         self.set_live(False)
 
     def commit(self) -> None:
@@ -289,7 +292,17 @@ class Fracture:
         for listed, values in ((broken, self.step), (softened, self.largest)):
             mine = listed[np.isin(listed[:, 0], p.id[: p.owned])]
             wanted = mine[:, 0].astype(np.int64) * p.count + mine[:, 1].astype(np.int64)
-            place = order[np.searchsorted(pairs[order], wanted)]
+            place = (
+                order[np.minimum(np.searchsorted(pairs[order], wanted), len(order) - 1)]
+                if len(wanted)
+                else np.empty(0, np.intp)
+            )
+            with collective(self._mpi):
+                if not np.array_equal(pairs[place], wanted):
+                    raise InputError(
+                        "the bonds that have failed are not all there: the body is not that of the checkpoint; "
+                        "has the mesh of a crack been changed?"
+                    )
             values[place] = mine[:, 2]
             if values is self.step:
                 self.intact[place] = False

@@ -225,6 +225,7 @@ class Simulation:
                 "broken_bonds": record.broken,
                 "passes": len(iterations),
                 "most_newton_iterations": max(iterations),
+                "abandoned_iterations": record.abandoned,
                 "seconds": sum(newton.seconds for newton in record.passes),
                 **energies,
                 "probes": {probe.name: probe.read(self.recovery, state.time) for probe in self.probes},

@@ -72,9 +72,20 @@ def _chosen(mesh: meshio.Mesh, name: str | None, path: str) -> list:
     if name is None:
         return [slice(None)] * len(mesh.cells)
     if name in mesh.cell_sets:
-        return [np.asarray(some, np.int64) if some is not None else [] for some in mesh.cell_sets[name]]
+        try:
+            some = [np.array([] if part is None else part, np.int64) for part in mesh.cell_sets[name]]
+        except (TypeError, ValueError):
+            some = []
+        sizes = [len(block.data) for block in mesh.cells]
+        if len(some) != len(sizes) or not all(
+            part.ndim == 1 and (not part.size or 0 <= part.min() <= part.max() < size)
+            for part, size in zip(some, sizes)
+        ):
+            raise InputError(f"{path}: the set {name!r} cannot be read; list the numbers of its cells in it")
+        return some
     if name in mesh.field_data and "gmsh:physical" in mesh.cell_data:
-        number = int(mesh.field_data[name][0])
-        return [np.flatnonzero(np.asarray(tags) == number) for tags in mesh.cell_data["gmsh:physical"]]
+        number, dim = (int(value) for value in mesh.field_data[name])
+        tags = mesh.cell_data["gmsh:physical"]  # groups of each dimension have numbers of their own
+        return [np.flatnonzero((np.asarray(t) == number) & (block.dim == dim)) for t, block in zip(tags, mesh.cells)]
     names = sorted({*mesh.cell_sets, *mesh.field_data} - {"gmsh:bounding_entities"})
     raise InputError(f"{path}: has no set of cells {name!r}; choices: {', '.join(names) or 'none'}")

@@ -47,7 +47,7 @@ WORSE = 1.5
 """A preconditioner with which a linear solution takes this many times the iterations is made anew."""
 
 QUICK_ITERATIONS, QUICK_LINEAR = 8, 300
-"""Iterations of Newton's and of the Krylov method after which a quick attempt is given up."""
+"""Iterations of Newton's and of the Krylov method after which a quick attempt is given up, unless the user has said."""
 
 NOT_A_NUMBER = -4
 """SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
@@ -155,9 +155,10 @@ class Newton:
         """
         with self.recording() as record:
             self._assembler.set_time(time)
-            self._near, self._quick = near, quick
-            most = min(self._most_linear, QUICK_LINEAR) if quick else self._most_linear
-            self.snes.getKSP().setTolerances(max_it=most)
+            self._near, self._quick = near, quick and "snes_max_it" not in options.given()
+            if "ksp_max_it" not in options.given():
+                most = min(self._most_linear, QUICK_LINEAR) if quick else self._most_linear
+                self.snes.getKSP().setTolerances(max_it=most)
             self._predict(u)
             self.snes.solve(None, self._x)
             reason = self.snes.getConvergedReason()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pdpetsc.assembly import Assembler
+from pdpetsc.errors import InputError
 from pdpetsc.fracture import STRIDE, Fracture
 from pdpetsc.solvers.newton import Newton, NewtonRecord, StepFailed
 from pdpetsc.state import State
@@ -22,6 +23,7 @@ class StepRecord:
         held: particles in splinters that nothing else holds, on all ranks.
         stored: recoverable energy.
         arc_length: of a step along a path [length].
+        abandoned: Newton iterations of attempts that came to nothing, on the way to it.
     """
 
     passes: list[NewtonRecord] = field(default_factory=list)
@@ -30,6 +32,7 @@ class StepRecord:
     held: int = 0
     stored: float = 0.0
     arc_length: float = 0.0
+    abandoned: int = 0
 
 
 LEAP = 0.1
@@ -62,6 +65,7 @@ class Passes:
     ):  # fmt: skip
         self.newton, self.assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
         self._passed = passed
+        self._abandoned = 0  # iterations since the last step that was solved
 
     def advance(self, state: State, time: float, last: bool, coarse: bool = False) -> tuple[State, StepRecord]:
         """The next state, at `time`.
@@ -81,7 +85,11 @@ class Passes:
         """What finds the equilibrium at a time."""
 
         def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, NewtonRecord]:
-            u, record = self.newton.advance(new.u, time, near, quick)
+            try:
+                u, record = self.newton.advance(new.u, time, near, quick)
+            except StepFailed:
+                self._abandoned += self.newton.record.newton_iterations
+                raise
             return u, time, record
 
         return equilibrium
@@ -107,12 +115,14 @@ class Passes:
         if self._fracture is None:
             new.u, new.time, newton = equilibrium(new, False, False)
             record.passes.append(newton)
+            record.abandoned, self._abandoned = self._abandoned, 0
             return new, record
         try:
             self._until_nothing_fails(state, new, record, equilibrium, again, overshoot, coarse)
-        except StepFailed:
+        except (StepFailed, InputError):  # also where a load has no value
             self._fracture.roll_back(state.u)
             raise
+        record.abandoned, self._abandoned = self._abandoned, 0
         return new, record
 
     def _until_nothing_fails(
@@ -133,6 +143,7 @@ class Passes:
                 growth = fracture.growth(u)
                 if live and fracture.worst(growth) > LEAP:
                     leap = fracture.worst(growth)
+                    self._abandoned += newton.newton_iterations
                     raise Overshoot(f"softening leaps by {leap:.3g} critical stretches", 0.8 * LEAP / leap)
             except StepFailed:
                 if live and coarse:
@@ -190,7 +201,7 @@ class Passes:
         places = (state.u, u) if live else (u,)
         fracture.set_live(False)
         whole = sum(a.stored_energy(place) for place in places)
-        fracture.soften(growth, 0.0 if live else fracture.fraction)
+        fracture.soften(growth, live)
         state.dissipated += (whole - sum(a.stored_energy(place) for place in places)) / len(places)
 
     def _forces(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,8 @@ from pdpetsc.case import load
 from pdpetsc.errors import InputError
 from pdpetsc.simulation import Simulation
 
+PETSC = PETSc.COMM_WORLD
+
 PLATE = """
 [body]
 size = [1.0, 0.6]
@@ -35,7 +37,7 @@ LINE = "from = [0.22, 0.3], to = [0.68, 0.3]"
 def cut(tmp_path, text: str, crack: str) -> np.ndarray:
     """The bonds that are left, (bonds, 2) ids, on all ranks."""
     (tmp_path / "case.toml").write_text(text.replace("CRACK", crack))
-    simulation = Simulation(load(str(tmp_path / "case.toml")), PETSc.COMM_WORLD)
+    simulation = Simulation(load(str(tmp_path / "case.toml")), PETSC)
     f, p = simulation.families, simulation.particles
     assert sum(simulation.cut_bonds) > 0
     pairs = np.stack([p.id[f.per_bond(np.arange(p.local))], p.id[f.neighbours]], axis=1)
@@ -75,6 +77,33 @@ def test_a_mesh_cuts_what_its_outline_cuts(tmp_path, kind, extension, group):
     assert np.array_equal(mesh, cut(tmp_path, text, shape))
 
 
+@pytest.mark.mpi
+def test_meshes_on_all_ranks(shared_tmp_path, comm):
+    """Read by the first one; what is wrong is raised by all."""
+    if comm.rank == 0:
+        drawn("3D triangle").write(shared_tmp_path / "crack.stl")
+        for name, crack in (("mesh", 'mesh = "crack.stl"'), ("polygon", POLYGON), ("missing", 'mesh = "no.stl"')):
+            (shared_tmp_path / f"{name}.toml").write_text(BLOCK.replace("CRACK", crack))
+    comm.Barrier()
+    counts = [Simulation(load(str(shared_tmp_path / f"{name}.toml")), PETSC).cut_bonds for name in ("mesh", "polygon")]
+    assert counts[0] == counts[1] != [0]
+    with pytest.raises(InputError, match=r"no\.stl: there is no such file"):
+        Simulation(load(str(shared_tmp_path / "missing.toml")), PETSC)
+
+
+def test_a_set_may_be_called_mesh(tmp_path):
+    (tmp_path / "case.toml").write_text(PLATE.replace("CRACK", LINE) + '[sets]\nmesh = "X < 0.3"\n')
+    assert load(str(tmp_path / "case.toml")).sets["mesh"].where.text == "X < 0.3"
+
+
+def test_the_mesh_of_along(tmp_path):
+    """Relative to the case file, too."""
+    drawn("2D line").write(tmp_path / "crack.vtk")
+    damage = '[damage.m]\ncriterion = "critical_stretch"\ncritical = 0.1\nalong = [{ mesh = "crack.vtk" }]\n'
+    (tmp_path / "case.toml").write_text(PLATE.replace("CRACK", LINE) + damage)
+    assert load(str(tmp_path / "case.toml")).damage["m"].along[0].mesh == str((tmp_path / "crack.vtk").resolve())
+
+
 def test_level_sets_and_discs_in_cases(tmp_path):
     line = cut(tmp_path, PLATE, LINE)
     assert np.array_equal(line, cut(tmp_path, PLATE, 'level_set = "Y - 0.3", where = "0.22 < X and X < 0.68"'))
@@ -107,6 +136,8 @@ def test_a_set_of_cells_by_name(tmp_path):
     (PLATE, 'mesh = "flat.vtk"', "has no lines, which a crack in 2D is made of; there are triangle"),
     (BLOCK, 'mesh = "far.msh", set = "slit"', "has no set of cells 'slit'; choices: part0, part1, part2"),
     (BLOCK, 'mesh = "far.msh", set = "part2"', "has no triangles or quadrilaterals in 'part2'"),
+    (BLOCK, 'mesh = "sets.inp", set = "both"', "the set 'both' cannot be read; list the numbers of its cells"),
+    (PLATE, 'mesh = "groups.msh", set = "plate"', "has no lines in 'plate'"),
     (BLOCK, 'mesh = "thin.vtk"', "body.cracks.0.mesh: cell 1 of the mesh has no area"),
 ])  # fmt: skip
 def test_what_is_refused(tmp_path, text, crack, message):
@@ -115,5 +146,13 @@ def test_what_is_refused(tmp_path, text, crack, message):
     far.write(tmp_path / "far.vtk")
     meshio.Mesh(POINTS[:, [0, 2, 1]] * [1, 1, 0], [("triangle", np.array([[0, 1, 2]]))]).write(tmp_path / "flat.vtk")
     meshio.Mesh(POINTS, [("triangle", np.array([[0, 1, 2], [0, 1, 1]]))]).write(tmp_path / "thin.vtk")
+    groups = meshio.Mesh(POINTS[:, [0, 2, 1]] * [1, 1, 0], [("line", [[0, 1]]), ("triangle", [[0, 1, 2]])])
+    groups.cell_data = {"gmsh:physical": [np.array([1]), np.array([2])], "gmsh:geometrical": [np.array([1])] * 2}
+    groups.field_data = {"slit": np.array([1, 1]), "plate": np.array([1, 2])}
+    groups.write(tmp_path / "groups.msh", file_format="gmsh22")
+    far.cell_data = {}
+    far.write(tmp_path / "sets.inp")
+    with (tmp_path / "sets.inp").open("a") as file:
+        file.write("*ELSET, ELSET=one\n1\n*ELSET, ELSET=two\n2\n*ELSET, ELSET=both\none\ntwo\n")
     with pytest.raises(InputError, match=message):
         cut(tmp_path, text, crack)
