@@ -72,7 +72,7 @@ def test_bonds_fail_along_a_line_only(two):
 def test_a_line_that_meets_no_bond(comm, run):
     result = run(plate(along=[{"from": [0.0, 60.0], "to": [12.0, 60.0]}]))
     assert result.code == 2
-    assert comm.rank or "damage.m: along: meets no bond" in result.errors
+    assert comm.rank or "damage.m.along: meets no bond" in result.errors
 
 
 def test_what_the_summary_says(run):

@@ -368,12 +368,12 @@ def test_roll_back(comm, monkeypatch):
     expected, built = (simulation(document()) for _ in range(2))
     advance, near = Newton.advance, []
 
-    def fail_in_a_later_pass(self, u, time, again=False):
+    def fail_in_a_later_pass(self, u, time, again=False, quick=False):
         near.append(again)
         if sum(near) == 12:
             self.guess = None  # nothing runs on from there
             raise StepFailed("DIVERGED_MAX_IT")
-        return advance(self, u, time, again)
+        return advance(self, u, time, again, quick)
 
     state, _ = built.passes.advance(built.state, 0.6, last=True)
     built.fracture.commit()
@@ -410,12 +410,12 @@ def test_work_of_a_load_where_softening_stays_as_it_is_at_first(comm, monkeypatc
     for failing in (False, True):
         tries = [failing]
 
-        def fail_at_first(self, u, time, near=False, tries=tries):
+        def fail_at_first(self, u, time, near=False, quick=False, tries=tries):
             if tries[0]:
                 self._assembler.set_time(time)
                 tries[0] = False
                 raise StepFailed("DIVERGED_MAX_IT")
-            return advance(self, u, time, near)
+            return advance(self, u, time, near, quick)
 
         monkeypatch.setattr(Newton, "advance", fail_at_first)
         built = simulation(plate)
