@@ -239,6 +239,15 @@ class Assembler:
         blocks[:, range(dim), range(dim)] += (1 - free) * self.constraint_scale
         return blocks
 
+    def row_sums(self) -> np.ndarray:
+        """Bounds of the sums of the absolute entries of the unconstrained tangent's rows at the last `linearise`,
+        (owned, dim), followers left out (collective). With masses m, omega^2 <= max(row_sums/m) by Gershgorin's circles."""
+        p = self.particles
+        sums = np.zeros((p.local, self.dim))
+        for material in self.materials:
+            material.add_row_sums(sums)
+        return p.exchange.reverse_add(sums)[: p.owned]
+
     def matrix(self) -> PETSc.Mat:
         """The PETSc matrix of the tangent, its pattern made on first use."""
         if self._matrix is None:

@@ -19,7 +19,6 @@ from pdpetsc.observers import BrokenBonds, Checkpoint, FieldOutput, History, Pro
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.simulation import Simulation
-from pdpetsc.solvers.linear import describe_linear_solver
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
@@ -184,12 +183,12 @@ def _remove(comm, out: Path) -> None:
 def _announce(simulation: Simulation) -> None:
     p, comm, case = simulation.particles, simulation.comm, simulation.case
     bonds = comm.tompi4py().allreduce(simulation.families.bonds)
-    solver = describe_linear_solver(simulation.newton.snes.getKSP())
+    choices = simulation.solver.choices()
     say(comm, f"{case.title or case.name}  ({case.path})")
     say(
         comm,
         f"{p.count} particles in {p.dim}D, {bonds} bonds, {comm.size} rank{'s' if comm.size > 1 else ''}; "
-        f"tangent {simulation.newton.tangent.kind.replace('_', '-')}, {solver}",
+        f"{choices['solver']}, tangent {choices['tangent'].replace('_', '-')}, {choices['preconditioner']}",
     )
 
 

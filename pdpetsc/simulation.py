@@ -25,8 +25,7 @@ from pdpetsc.probes import Probe
 from pdpetsc.recover import Recovery
 from pdpetsc.rules import rules_of
 from pdpetsc.solvers.constraints import ArcLength, Constraint, Failure
-from pdpetsc.solvers.linear import describe_linear_solver
-from pdpetsc.solvers.newton import Newton
+from pdpetsc.solvers.equilibrium import equilibrium_solver
 from pdpetsc.solvers.passes import Passes, StepRecord
 from pdpetsc.solvers.path import follow, limit_points
 from pdpetsc.solvers.stepping import Schedule, march
@@ -48,7 +47,7 @@ class Simulation:
 
     Attributes:
         case, comm: what is run, and PETSc's communicator.
-        particles, families, materials, assembler, newton: the discrete problem; `cut_bonds` by each crack.
+        particles, families, materials, assembler, solver: the discrete problem; `cut_bonds` by each crack.
         fracture: the bonds that may fail; None if none may.
         state: the last committed state.
         schedule: the load steps.
@@ -116,8 +115,8 @@ class Simulation:
         for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
             self.assembler.set_time(time)
         self.fracture = self._fracture(sets) if case.damage else None
-        self.newton = Newton(self.assembler, blocks, solver.control == "load", bool(case.damage))
-        self.passes = Passes(self.newton, self.assembler, self.fracture, solver.overshoot, self._passed)
+        self.solver = equilibrium_solver(solver, self.assembler, blocks, bool(case.damage))
+        self.passes = Passes(self.solver, self.assembler, self.fracture, solver.overshoot, self._passed)
 
     def _constraint(self, state: State, arc_length: float) -> Constraint:
         """What bounds a step along a path."""
@@ -218,6 +217,7 @@ class Simulation:
                 **along,
                 "newton_iterations": sum(iterations),
                 "linear_iterations": sum(newton.linear_iterations for newton in record.passes),
+                "relaxation_steps": sum(newton.relaxation_steps for newton in record.passes),
                 "residual_norms": last.residual_norms,
                 "residual_scale": scale,
                 "relative_residual": last.residual_norms[-1] / scale if scale else 0.0,
@@ -326,8 +326,7 @@ class Simulation:
             "horizon_tolerance": self.case.body.horizon_tolerance,
             "cracks": len(self.case.body.cracks),
             "cut_bonds": self.cut_bonds,
-            "solver": f"newton ({self.newton.snes.getType()})",
+            "mode": self.case.solver.mode,
             "control": self.case.solver.control,
-            "preconditioner": describe_linear_solver(self.newton.snes.getKSP()),
-            "tangent": self.newton.tangent.kind,
+            **self.solver.choices(),
         }

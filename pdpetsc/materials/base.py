@@ -20,6 +20,7 @@ from pdpetsc.influence import INFLUENCE, Influence
 from pdpetsc.materials import families as kernels
 from pdpetsc.materials import flux, rows, sums
 from pdpetsc.materials.families import dimension
+from pdpetsc.materials.row_sums import add_row_sums
 from pdpetsc.materials.softened import Softenable
 
 Positive = Annotated[float, Gt(0)]
@@ -178,8 +179,7 @@ class Material(Softenable):
         raise NotImplementedError
 
     def set_bonds(self, intact: np.ndarray) -> None:
-        """Go on with the bonds of a mask (bonds,); the others carry nothing and count in no sum of their family. The
-        families stay as they are, and with them all that is laid out by them."""
+        """Go on with the bonds of a mask (bonds,); the others carry nothing and count in no sum of their family."""
         self.intact = intact
         self._renew()
 
@@ -273,6 +273,14 @@ class Material(Softenable):
         rows.add_diagonal(
             self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.couples_family, self.symmetric,
             *map(dimension, self.mode_sizes), diagonal,
+        )  # fmt: skip
+
+    def add_row_sums(self, sums: np.ndarray) -> None:
+        """Add bounds of the sums of the tangent's absolute entries in each row to `sums` (local, dim)."""
+        data, bonds = self._mechanics
+        add_row_sums(
+            self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.couples_family, self.symmetric,
+            *map(dimension, self.mode_sizes), sums,
         )  # fmt: skip
 
     @property

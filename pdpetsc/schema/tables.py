@@ -192,7 +192,8 @@ AnyLoad = Annotated[Load, Field(discriminator="kind"), BeforeValidator(_of_known
 class Solver(Table):
     """How the load is stepped; t runs from 0 to end_time."""
 
-    mode: Literal["newton"] = "newton"
+    mode: Literal["newton", "relaxation"] = "newton"
+    hand_over: bool = False
     control: Literal["load", "arc_length", "failure"] = "load"
     steps: Count = 10
     end_time: Positive = 1.0
@@ -207,6 +208,10 @@ class Solver(Table):
     def _check(self):
         if self.min_step and self.max_step and self.min_step > self.max_step:
             raise ValueError(f"min_step = {self.min_step} is greater than max_step = {self.max_step}")
+        if self.control != "load" and (self.mode != "newton" or self.hand_over):
+            raise error_at("control", f'is "{self.control}", which goes with mode = "newton" without hand_over')
+        if self.hand_over and self.mode != "newton":
+            raise error_at("hand_over", 'goes with mode = "newton"')
         if self.control == "load" and "max_steps" in self.model_fields_set:
             raise error_at("max_steps", 'goes with control = "arc_length" and "failure"')
         if self.control != "load" and "overshoot" in self.model_fields_set:

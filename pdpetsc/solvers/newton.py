@@ -7,7 +7,6 @@ import time as clock
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
@@ -17,6 +16,7 @@ from pdpetsc import options
 from pdpetsc.assembly import Assembler
 from pdpetsc.errors import InputError
 from pdpetsc.solvers.linear import GMRES_RESTART, SMALLEST_RTOL, default_options, describe_linear_solver
+from pdpetsc.solvers.record import SolveRecord, StepFailed
 from pdpetsc.solvers.tangent import choose, tangent
 
 DEFAULTS = {
@@ -51,41 +51,6 @@ QUICK_ITERATIONS, QUICK_LINEAR = 8, 300
 
 NOT_A_NUMBER = -4
 """SNES's reason for a residual that is NaN, by number: its name changed between PETSc 3.18 and 3.26."""
-
-
-class StepFailed(Exception):
-    """A load step was not solved; its message says why. Raised on all ranks alike.
-
-    Attributes:
-        share: of the step that should be tried instead.
-    """
-
-    def __init__(self, message: str, share: float = 0.5):
-        super().__init__(message)
-        self.share = share
-
-
-@dataclass
-class NewtonRecord:
-    """How one load step was solved.
-
-    Attributes:
-        newton_iterations: linearisations solved, the predictor included.
-        linear_iterations: iterations of the Krylov method over all of them.
-        residual_norms: |r| after each of them [force].
-        residual_scale: what they are compared with, sqrt(|f_ext|^2 + |reactions|^2) [force].
-        rounding_floor: whether the step ended because rounding left nothing to gain.
-        seconds: wall-clock time.
-        arc_length: of the step, where a path is followed [length].
-    """
-
-    newton_iterations: int = 0
-    linear_iterations: int = 0
-    residual_norms: list[float] = field(default_factory=list)
-    residual_scale: float = 0.0
-    rounding_floor: bool = False
-    seconds: float = 0.0
-    arc_length: float = 0.0
 
 
 class Newton:
@@ -123,7 +88,7 @@ class Newton:
             raise InputError(f"[petsc] or command line: PETSc refuses an option (its error {error.ierr})") from None
         self.number = next(_numbers)
         _alive.add(self)
-        self.record = NewtonRecord()
+        self.record = SolveRecord()
         self.guess: np.ndarray | None = None
         """Where the predictor of `advance` came to; None along a path."""
         self._cost = np.inf  # least iterations for a decade of the linear residual with the present preconditioner
@@ -131,6 +96,18 @@ class Newton:
         self._before = 0.0  # norm of the right-hand side of the last linear solution
         self._near = self._quick = False
         self._most_linear = snes.getKSP().getTolerances()[3]
+
+    def choices(self) -> dict[str, str]:
+        """What solves, for summary.json."""
+        return {
+            "solver": f"newton ({self.snes.getType()})",
+            "preconditioner": describe_linear_solver(self.snes.getKSP()),
+            "tangent": self.tangent.kind,
+        }
+
+    def forget(self) -> None:
+        """Supports have changed: what depends on them is made anew."""
+        self.tangent.renew_preconditioner()
 
     def destroy(self) -> None:
         """Give back PETSc's memory (collective)."""
@@ -140,7 +117,7 @@ class Newton:
 
     def advance(
         self, u: np.ndarray, time: float, near: bool = False, quick: bool = False
-    ) -> tuple[np.ndarray, NewtonRecord]:
+    ) -> tuple[np.ndarray, SolveRecord]:
         """Equilibrium at `time` from that of the last step.
 
         Args:
@@ -175,11 +152,11 @@ class Newton:
         return solution.copy(), record
 
     @contextmanager
-    def recording(self) -> Iterator[NewtonRecord]:
+    def recording(self) -> Iterator[SolveRecord]:
         """A new record. The seconds inside are its own; those of neither residual nor tangent count as `solve`."""
         start, seconds = clock.perf_counter(), self._assembler.timings.seconds
         elsewhere = sum(seconds[stage] for stage in ("residual", "tangent", "first_tangent"))
-        self.record, self._near, self._quick, self.guess = NewtonRecord(), False, False, None
+        self.record, self._near, self._quick, self.guess = SolveRecord(), False, False, None
         record = self.record
         try:
             yield record

@@ -8,7 +8,8 @@ import numpy as np
 from pdpetsc.assembly import Assembler
 from pdpetsc.errors import InputError
 from pdpetsc.fracture import STRIDE, Fracture
-from pdpetsc.solvers.newton import Newton, NewtonRecord, StepFailed
+from pdpetsc.solvers.equilibrium import EquilibriumSolver
+from pdpetsc.solvers.record import SolveRecord, StepFailed
 from pdpetsc.state import State
 
 
@@ -26,7 +27,7 @@ class StepRecord:
         abandoned: Newton iterations of attempts that came to nothing, on the way to it.
     """
 
-    passes: list[NewtonRecord] = field(default_factory=list)
+    passes: list[SolveRecord] = field(default_factory=list)
     broken: int = 0
     separated: bool = False
     held: int = 0
@@ -39,7 +40,7 @@ LEAP = 0.1
 """Growth of a stretch, in critical ones, beyond which Newton's method has leapt with softening that follows: the bonds
 between may have been past any number of barriers."""
 
-Equilibrium = Callable[[State, bool, bool], tuple[np.ndarray, float, NewtonRecord]]
+Equilibrium = Callable[[State, bool, bool], tuple[np.ndarray, float, SolveRecord]]
 """Gives displacements, time and record from the state so far, whether that is near because nothing but bonds has
 changed, and whether to give up early."""
 
@@ -52,7 +53,7 @@ class Passes:
     """Solves steps; where bonds fail in them, again.
 
     Args:
-        newton: finds equilibria.
+        solver: finds equilibria.
         assembler: of the body.
         fracture: the bonds; None: they do not fail.
         overshoot: by how much the worst bond may pass its critical value before a load increment is cut.
@@ -60,10 +61,10 @@ class Passes:
     """
 
     def __init__(
-        self, newton: Newton, assembler: Assembler, fracture: Fracture | None, overshoot: float = np.inf,
+        self, solver: EquilibriumSolver, assembler: Assembler, fracture: Fracture | None, overshoot: float = np.inf,
         passed: Callable[[StepRecord], None] = lambda record: None,
     ):  # fmt: skip
-        self.newton, self.assembler, self._fracture, self._overshoot = newton, assembler, fracture, overshoot
+        self.solver, self.assembler, self._fracture, self._overshoot = solver, assembler, fracture, overshoot
         self._passed = passed
         self._abandoned = 0  # iterations since the last step that was solved
 
@@ -84,11 +85,11 @@ class Passes:
     def _at(self, time: float) -> Equilibrium:
         """What finds the equilibrium at a time."""
 
-        def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, NewtonRecord]:
+        def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, SolveRecord]:
             try:
-                u, record = self.newton.advance(new.u, time, near, quick)
+                u, record = self.solver.advance(new.u, time, near, quick)
             except StepFailed:
-                self._abandoned += self.newton.record.newton_iterations
+                self._abandoned += self.solver.record.newton_iterations
                 raise
             return u, time, record
 
@@ -174,7 +175,7 @@ class Passes:
 
     def _run_on(self, state: State, record: StepRecord) -> bool:
         """Break what is critical where the predictor came to under a load that stands; whether there was any."""
-        guess = self.newton.guess
+        guess = self.solver.guess
         return guess is not None and self._fail(state, self._fracture.ratios(guess), record)
 
     def _fail(self, state: State, ratio: np.ndarray, record: StepRecord) -> bool:
@@ -188,7 +189,7 @@ class Passes:
         if not fracture.fail(state.u, ratio, state.step):
             return False
         if a.mpi.allreduce(int((a.constrained != constrained).sum())):
-            self.newton.tangent.renew_preconditioner()
+            self.solver.forget()
         state.dissipated += whole - a.stored_energy(state.u)
         record.broken = fracture.count
         self._passed(record)

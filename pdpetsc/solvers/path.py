@@ -10,8 +10,9 @@ from pdpetsc.assembly import Assembler
 from pdpetsc.errors import ConvergenceError
 from pdpetsc.parallel import warn
 from pdpetsc.solvers.constraints import Constraint, arc
-from pdpetsc.solvers.newton import Newton, NewtonRecord, StepFailed
+from pdpetsc.solvers.newton import Newton
 from pdpetsc.solvers.passes import Passes, StepRecord
+from pdpetsc.solvers.record import SolveRecord, StepFailed
 from pdpetsc.solvers.stepping import EASY, Schedule
 from pdpetsc.state import State
 
@@ -96,7 +97,7 @@ class Path:
         newton = self._newton
         self.tried = state.time
 
-        def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, NewtonRecord]:
+        def equilibrium(new: State, near: bool, quick: bool) -> tuple[np.ndarray, float, SolveRecord]:
             if near and schedule.finished(new.time):
                 u, record = newton.advance(new.u, new.time, near)
                 return u, new.time, record
@@ -168,7 +169,7 @@ def follow(
     Raises:
         ConvergenceError: a step failed and may not be cut further.
     """
-    newton, assembler = passes.newton, passes.assembler
+    newton, assembler = passes.solver, passes.assembler
     path = Path(newton, assembler, schedule.end)
     while not schedule.finished(state.time):
         if state.step >= schedule.most:
@@ -205,8 +206,8 @@ def follow(
 
 
 def _land(
-    newton: Newton, state: State, u: np.ndarray, t: float, end: float, so_far: NewtonRecord
-) -> tuple[np.ndarray, float, NewtonRecord]:
+    newton: Newton, state: State, u: np.ndarray, t: float, end: float, so_far: SolveRecord
+) -> tuple[np.ndarray, float, SolveRecord]:
     """The equilibrium at the end, which lies between the state and (u, t), with the record of all."""
     share = (end - state.time) / (t - state.time)
     u, record = newton.advance(state.u + share * (u - state.u), end)

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pdpetsc.errors import ConvergenceError
-from pdpetsc.solvers.newton import StepFailed
 from pdpetsc.solvers.passes import Passes, StepRecord
+from pdpetsc.solvers.record import StepFailed
 from pdpetsc.state import State
 
 EASY = 5

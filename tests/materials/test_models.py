@@ -352,3 +352,19 @@ def test_singular_shape_tensor_names_the_place(X, place, size):
     body = Sample(X, np.full(n, size**3), np.full(n, 3.0 * size), np.full(n, size), np.ones(n * (n - 1)))
     with pytest.raises(InputError, match=place if size == 1 else "singular shape tensor"):
         body.material(model("hencky-none"))
+
+
+@every_dimension
+@every_model
+def test_row_sums_are_bounds(row, dim):
+    """Of the absolute entries of the tangent, and not far off: fictitious masses and stable steps follow from them."""
+    body = sample(dim)
+    material = body.material(row)
+    u = deformation(body.X)
+    K = tangent(material, u)
+    material.linearise(u)
+    bound = np.zeros_like(body.X)
+    material.add_row_sums(bound)
+    sums = np.abs(K).sum(axis=1).reshape(bound.shape)
+    assert (bound >= sums * (1 - 1e-12)).all()
+    assert bound.sum() < 3 * sums.sum()

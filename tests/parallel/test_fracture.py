@@ -15,8 +15,9 @@ from pdpetsc.fracture import STRIDE, TIE
 from pdpetsc.io.checkpoint import gathered_bonds, read_damaged, read_state, write_checkpoint
 from pdpetsc.opposite import Opposite
 from pdpetsc.simulation import Simulation
-from pdpetsc.solvers.newton import Newton, StepFailed
+from pdpetsc.solvers.newton import Newton
 from pdpetsc.solvers.passes import Overshoot
+from pdpetsc.solvers.record import StepFailed
 
 pytestmark = pytest.mark.mpi
 
@@ -203,7 +204,7 @@ def test_pairs_break_and_exempt_bonds_do_not(comm, ended, model, control):
 def test_same_bonds_without_a_matrix(ended, petsc_options, model):
     petsc_options(pd_tangent="matrix_free", ksp_rtol=1e-12)
     other = Run(simulation(document(model)))
-    assert other.built.newton.tangent.kind == "matrix_free"
+    assert other.built.solver.tangent.kind == "matrix_free"
     assert_same(other, ended(model, "load"), rel=1e-7)
 
 
@@ -530,14 +531,14 @@ def test_a_bond_at_its_last_tooth_fails_by_its_stretch(comm):
 def test_quick_attempts(comm):
     """Are given up after eight iterations, and the next one has its own limits back."""
     built = simulation(document("correspondence", damage=FADING))
-    limit = built.newton.snes.getKSP().getTolerances()[3]
+    limit = built.solver.snes.getKSP().getTolerances()[3]
     with pytest.raises(StepFailed):
-        built.newton.advance(built.state.u, 1.0, quick=True)
-    assert built.newton.record.newton_iterations <= 8
+        built.solver.advance(built.state.u, 1.0, quick=True)
+    assert built.solver.record.newton_iterations <= 8
     with contextlib.suppress(StepFailed):
-        built.newton.advance(built.state.u, 1.0)
-    assert built.newton.record.newton_iterations > 8
-    assert built.newton.snes.getKSP().getTolerances()[3] == limit
+        built.solver.advance(built.state.u, 1.0)
+    assert built.solver.record.newton_iterations > 8
+    assert built.solver.snes.getKSP().getTolerances()[3] == limit
 
 
 def test_paths_of_failing_bonds(comm):
@@ -574,7 +575,7 @@ def test_overshoot(comm):
     with pytest.raises(Overshoot, match=r"a bond is at 1\.\d+ of its critical value") as failure:
         built.passes.advance(built.state, 0.8, last=False)
     assert built.fracture.count == 0
-    u, _ = built.newton.advance(built.state.u, 0.8 * failure.value.share)
+    u, _ = built.solver.advance(built.state.u, 0.8 * failure.value.share)
     assert built.fracture.worst(built.fracture.ratios(u)) == pytest.approx(1.05, rel=5e-3)  # half of what is allowed
     _, record = built.passes.advance(built.state, 0.8, last=True)
     assert record.broken == built.fracture.count > 0

@@ -15,9 +15,10 @@ from pdpetsc.io.checkpoint import read_state, write_checkpoint
 from pdpetsc.loads.force import BodyForce
 from pdpetsc.simulation import Simulation
 from pdpetsc.solvers.constraints import ArcLength, arc
-from pdpetsc.solvers.newton import Newton, StepFailed
+from pdpetsc.solvers.newton import Newton
 from pdpetsc.solvers.passes import Passes
 from pdpetsc.solvers.path import Path, follow, limit_points
+from pdpetsc.solvers.record import StepFailed
 from pdpetsc.solvers.stepping import Schedule
 from pdpetsc.state import State
 
@@ -169,7 +170,7 @@ def test_same_path_on_one_rank(comm, through):
 def test_same_path_without_a_matrix(comm, through, petsc_options):
     petsc_options(pd_tangent="matrix_free")
     other = traced(ARCH)
-    assert other.newton.tangent.kind == "matrix_free"
+    assert other.solver.tangent.kind == "matrix_free"
     for key in ("time", "arc_length", "crown"):
         assert of_rows(other, key) == pytest.approx(of_rows(through, key), rel=1e-6)
 

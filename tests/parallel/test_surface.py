@@ -54,7 +54,7 @@ def test_a_material_that_some_ranks_do_not_have(comm):
     )
     assert comm.allreduce(total) == 0
     assert simulation._choices()["materials"]["b"]["surface_correction"] == "directional"
-    simulation.newton.destroy()
+    simulation.solver.destroy()
 
 
 def test_an_error_that_only_one_rank_meets(comm):

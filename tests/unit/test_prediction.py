@@ -54,8 +54,8 @@ def test_counts_and_choice_are_those_of_the_run(name, comm):
     assert told.bonds == pytest.approx(bonds, rel=0.02)
     assert 0.8 * most <= told.most <= most
     assert told.entries["assembled"] == pytest.approx(entries, rel=0.1)
-    assert told.kind == simulation.newton.tangent.kind
-    simulation.newton.destroy()
+    assert told.kind == simulation.solver.tangent.kind
+    simulation.solver.destroy()
 
 
 @pytest.mark.mpi
@@ -68,11 +68,11 @@ def test_entries(model, dim, comm, petsc_options):
     told = predict(chosen, comm.size)
     petsc_options(pd_tangent="matrix_free")
     simulation = Simulation(chosen, PETSc.COMM_WORLD)
-    found = {"assembled": simulation.assembler.matrix(), "matrix_free": simulation.newton.tangent.preconditioner}
+    found = {"assembled": simulation.assembler.matrix(), "matrix_free": simulation.solver.tangent.preconditioner}
     for kind, matrix in found.items():
         entries = matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
         assert told.entries[kind] == pytest.approx(entries, rel=0.02)
-    simulation.newton.destroy()
+    simulation.solver.destroy()
 
 
 @pytest.mark.parametrize(("follower", "solver"), [(True, "gmres + gamg"), (False, "cg + gamg")])
@@ -95,7 +95,7 @@ def test_softening_makes_the_tangent_unsymmetric_where_neighbours_are_coupled(pe
     simulation = Simulation(document, PETSc.COMM_SELF)
     assert simulation.assembler.symmetric == solver.startswith("cg")
     assert predict(document, 1).solver.startswith(solver)
-    simulation.newton.destroy()
+    simulation.solver.destroy()
 
 
 def test_where_bonds_fail_a_direct_solver_is_for_smaller_bodies():
@@ -192,8 +192,8 @@ def test_a_body_that_a_quick_look_misses_is_not_assembled(monkeypatch):
 
     monkeypatch.setattr(building, "take_census", missed)
     run = Simulation(made(cube(8)), PETSc.COMM_WORLD)
-    assert run.newton.tangent.kind == "matrix_free"
-    run.newton.destroy()
+    assert run.solver.tangent.kind == "matrix_free"
+    run.solver.destroy()
 
 
 @pytest.mark.parametrize("word", ("free", ""))
@@ -222,7 +222,7 @@ def test_the_time_step_is_stable_and_not_much_too_small(model, dim):
         v = assembler.action(v) / (4.0 * simulation.particles.volume[:, None])
     limit = 2 / np.linalg.norm(v) ** 0.5
     assert 0.4 * limit < told < limit
-    simulation.newton.destroy()
+    simulation.solver.destroy()
 
 
 def test_no_density():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pdpetsc.errors import ConvergenceError
-from pdpetsc.solvers.newton import NewtonRecord, StepFailed
 from pdpetsc.solvers.passes import StepRecord
+from pdpetsc.solvers.record import SolveRecord, StepFailed
 from pdpetsc.solvers.stepping import EASY, Schedule, march
 from pdpetsc.state import State
 
@@ -28,7 +28,7 @@ class Passes:
         self.asked.append(time)
         if time > self.limit(state.time):
             raise StepFailed("DIVERGED_MAX_IT")
-        record = StepRecord(passes=[NewtonRecord(newton_iterations=self.iterations)])
+        record = StepRecord(passes=[SolveRecord(newton_iterations=self.iterations)])
         return replace(state, u=state.u + 1, time=time, step=state.step + 1), record
 
 
