@@ -41,11 +41,11 @@ class Assembler:
         self.materials = materials
         self.tractions = tractions
         self._followers = [traction for traction in tractions if traction.follower]
-        self._constraints = [load for load in loads if isinstance(load, Constraint)]
+        self.constraints = [load for load in loads if isinstance(load, Constraint)]
         self._forces = [load for load in loads if not isinstance(load, Constraint)]
         shape = (particles.owned, particles.dim)
         self.constrained = np.zeros(shape, bool)
-        for constraint in self._constraints:
+        for constraint in self.constraints:
             self.constrained[constraint.entries] = True
         self.supported = self.constrained.copy()
         """Where displacements are prescribed by loads."""
@@ -99,7 +99,7 @@ class Assembler:
         """Prescribed values and external forces at a time (collective)."""
         self._external[:] = 0
         with collective(self.mpi):
-            for constraint in self._constraints:
+            for constraint in self.constraints:
                 self.prescribed[constraint.entries] = constraint.values(time)
             for load in self._forces:
                 load.add(time, self._external)
@@ -241,7 +241,7 @@ class Assembler:
 
     def row_sums(self) -> np.ndarray:
         """Bounds of the sums of the absolute entries of the unconstrained tangent's rows at the last `linearise`,
-        (owned, dim), followers left out (collective). With masses m, omega^2 <= max(row_sums/m) by Gershgorin's circles."""
+        (owned, dim), followers left out (collective). With masses m, omega^2 <= max(row_sums/m) (Gershgorin)."""
         p = self.particles
         sums = np.zeros((p.local, self.dim))
         for material in self.materials:

@@ -15,7 +15,7 @@ from pdpetsc.io import tables
 from pdpetsc.io.checkpoint import CHECKPOINT, read_damaged, read_description, read_state
 from pdpetsc.io.plot import plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
-from pdpetsc.observers import BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
+from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.simulation import Simulation
@@ -132,12 +132,13 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     comm, case = simulation.comm, simulation.case
     if not quiet:
         _announce(simulation)
+    output = simulation.output
     simulation.observers = [
-        ProgressTable(comm, quiet),
+        ProgressTable(comm, quiet, MOTION if case.solver.in_time else LOAD_STEPS),
         History(out),
-        FieldOutput(out, case.output.every, case.written),
-        Checkpoint(out, case.output.checkpoint),
-        *([BrokenBonds(out, case.output.every)] if simulation.fracture else []),
+        FieldOutput(out, output.fields, case.written),
+        Checkpoint(out, output.checkpoint),
+        *([BrokenBonds(out, output.fields)] if simulation.fracture else []),
     ]
     status, failure = "converged", None
     try:

@@ -44,13 +44,15 @@ class Fracture:
         rules: one for each material, None where bonds do not fail.
         fraction: of the worst ratio; bonds beyond it fail in the same pass. 1: the worst alone, 0: all critical ones.
         material_of: (owned,) number of each particle's material.
+        moving: whether the body moves in time, so that pieces that come off need not be held.
     """
 
     def __init__(
         self, assembler: Assembler, families: Families, rules: list[Rule | None], fraction: float,
-        material_of: np.ndarray,
+        material_of: np.ndarray, moving: bool = False,
     ):  # fmt: skip
         p = assembler.particles
+        self._moving = moving
         self._assembler, self.families, self._rules, self.fraction = assembler, families, rules, fraction
         self._opposite = Opposite(p, families)
         self.intact = np.ones(families.bonds, bool)
@@ -145,6 +147,10 @@ class Fracture:
         self._look_at_pieces(u)
         return self.count - before
 
+    def fail_all(self, ratio: np.ndarray, step: int) -> None:
+        """Break all that is critical by these ratios, and nothing else: pieces in motion need no support."""
+        self._break(ratio >= 1.0, step)
+
     def _break(self, failed: np.ndarray, step: int) -> None:
         self.step[failed & self.intact] = step
         self.intact = self.intact & ~failed
@@ -171,6 +177,8 @@ class Fracture:
     def _look_at_pieces(self, u: np.ndarray) -> None:
         """Hold what nothing holds any more, and see whether the body has come apart: whether there are more pieces than
         at first that carry loads or supports and are no splinters."""
+        if self._moving:
+            return
         a, p = self._assembler, self._assembler.particles
         piece = pieces(p, self.families.without(~self.intact))[: p.owned]
         if self._bodies is None:

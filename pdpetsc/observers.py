@@ -1,6 +1,7 @@
 """Observers: what is shown and written, and when. Each is told of the start, of every committed step and of the end."""
 
 import time as clock
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -34,21 +35,35 @@ class Observer:
         """After the last step that was committed, whether the run converged or not."""
 
 
+LOAD_STEPS = (
+    ("step", "{step:5d}"),
+    ("time", "{time:10.4g}"),
+    ("newton", "{newton_iterations:7d}"),
+    ("linear", "{linear_iterations:7d}"),
+    ("passes", "{passes:8d}"),
+    ("residual", "{relative_residual:10.2e}"),
+    ("broken", "{broken_bonds:8d}"),
+    ("seconds", "{seconds:9.3f}"),
+)
+"""Columns of the table of load steps."""
+
+MOTION = (
+    ("step", "{step:8d}"),
+    ("time", "{time:12.5g}"),
+    ("kinetic", "{kinetic_energy:11.4g}"),
+    ("stored", "{stored_energy:11.4g}"),
+    ("imbalance", "{imbalance:11.2e}"),
+    ("broken", "{broken_bonds:8d}"),
+    ("seconds", "{seconds:9.3f}"),
+)
+"""Columns of the table of a motion."""
+
+
 class ProgressTable(Observer):
-    """A line for each load step, and below them a progress bar where a single process has a terminal."""
+    """A line for each step, and below them a progress bar where a single process has a terminal."""
 
-    COLUMNS = (
-        ("step", "{step:5d}"),
-        ("time", "{time:10.4g}"),
-        ("newton", "{newton_iterations:7d}"),
-        ("linear", "{linear_iterations:7d}"),
-        ("passes", "{passes:8d}"),
-        ("residual", "{relative_residual:10.2e}"),
-        ("broken", "{broken_bonds:8d}"),
-        ("seconds", "{seconds:9.3f}"),
-    )
-
-    def __init__(self, comm, quiet: bool):
+    def __init__(self, comm, quiet: bool, columns: tuple[tuple[str, str], ...]):
+        self._columns = columns
         self._console = Console(quiet=quiet or comm.rank > 0, highlight=False, soft_wrap=True)
         self._progress = Progress(
             TextColumn("load steps"),
@@ -62,16 +77,18 @@ class ProgressTable(Observer):
         )
 
     def start(self, run):
-        widths = [len(template.format_map(_Sample())) for _, template in self.COLUMNS]
-        self._console.print("".join(f"{name:>{width}}" for (name, _), width in zip(self.COLUMNS, widths)))
+        widths = [len(template.format_map(_Sample())) for _, template in self._columns]
+        self._console.print("".join(f"{name:>{width}}" for (name, _), width in zip(self._columns, widths)))
         self._progress.start()
         self._spoken = clock.monotonic()
         self._task = self._progress.add_task("", total=run.schedule.end, completed=run.state.time, time=run.state.time)
 
     def step(self, run):
-        row, self._spoken = run.rows[-1], clock.monotonic()
+        if run.case.solver.in_time and not run.output.fields(run.state.step):
+            return
+        row, self._spoken = {"broken_bonds": 0, "rounding_floor": False} | run.rows[-1], clock.monotonic()
         remark = "  (residual at the rounding floor)" if row["rounding_floor"] else ""
-        self._progress.console.print("".join(t.format_map(row) for _, t in self.COLUMNS) + remark)
+        self._progress.console.print("".join(t.format_map(row) for _, t in self._columns) + remark)
         self._progress.update(self._task, completed=row["time"], time=row["time"])
 
     def passed(self, run, record):
@@ -105,11 +122,11 @@ class History(Observer):
 
 
 class FieldOutput(Observer):
-    """Fields every n steps and at the last one that was committed."""
+    """Fields of the steps that are wanted and of the last one that was committed."""
 
-    def __init__(self, directory: Path, every: int, fields: tuple[str, ...]):
+    def __init__(self, directory: Path, wanted: Callable[[int], bool], fields: tuple[str, ...]):
         self._directory = directory
-        self._every = every
+        self._wanted = wanted
         self._fields = fields
 
     def start(self, run):
@@ -117,7 +134,7 @@ class FieldOutput(Observer):
         self._writer = FieldWriter(self._directory, run.particles, known, self._fields)
 
     def step(self, run):
-        if run.state.step % self._every == 0:
+        if self._wanted(run.state.step):
             self._write(run)
 
     def finish(self, run):
@@ -130,18 +147,18 @@ class FieldOutput(Observer):
 
 
 class BrokenBonds(Observer):
-    """broken_bonds.csv, every n steps and at the last one that was committed."""
+    """broken_bonds.csv, of the steps that are wanted and of the last one that was committed."""
 
-    def __init__(self, directory: Path, every: int):
+    def __init__(self, directory: Path, wanted: Callable[[int], bool]):
         self._path = directory / "broken_bonds.csv"
-        self._every = every
+        self._wanted = wanted
 
     def step(self, run):
-        if run.state.step % self._every == 0:
+        if self._wanted(run.state.step):
             self._write(run)
 
     def finish(self, run):
-        if run.state.step % self._every:
+        if run.state.step and not self._wanted(run.state.step):
             self._write(run)
 
     def _write(self, run):
@@ -154,18 +171,18 @@ class BrokenBonds(Observer):
 
 
 class Checkpoint(Observer):
-    """A checkpoint every n steps and at the last one that was committed."""
+    """Checkpoints of the steps that are wanted and of the last one that was committed."""
 
-    def __init__(self, directory: Path, every: int):
+    def __init__(self, directory: Path, wanted: Callable[[int], bool]):
         self._directory = directory
-        self._every = every
+        self._wanted = wanted
 
     def step(self, run):
-        if run.state.step % self._every == 0:
+        if self._wanted(run.state.step):
             self._write(run)
 
     def finish(self, run):
-        if run.state.step % self._every:
+        if run.state.step and not self._wanted(run.state.step):
             self._write(run)
 
     def _write(self, run):

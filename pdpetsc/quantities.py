@@ -34,6 +34,7 @@ class Quantity(NamedTuple):
 
 QUANTITIES = {
     "u": Quantity(1, "displacement |u|", "{length}"),
+    "v": Quantity(1, "velocity |v|", "{length}/{time}", cheap=False),
     "F": Quantity(2, "deformation gradient |F - I|"),
     "stress": Quantity(2, "von Mises stress", PRESSURE, invariants=("von_mises", *PRINCIPAL)),
     "strain": Quantity(2, "logarithmic strain |e|", invariants=PRINCIPAL),

@@ -14,14 +14,16 @@ class Recovery:
 
     Args:
         assembler: of the body, with the loads of the state's time.
-        u: (owned, dim) displacement.
+        u, v: (owned, dim) displacement and velocity; None: at rest.
         reached: (owned,) volume within the horizon of each particle, of the whole body as it was without any crack;
             None: of the bonds that there were at first.
     """
 
-    def __init__(self, assembler: Assembler, u: np.ndarray, reached: np.ndarray | None = None):
+    def __init__(
+        self, assembler: Assembler, u: np.ndarray, reached: np.ndarray | None = None, v: np.ndarray | None = None
+    ):
         self._assembler = assembler
-        self.u = u
+        self.u, self.v = u, np.zeros_like(u) if v is None else v
         self._reached = reached
 
     def field(self, name: str) -> np.ndarray:
@@ -168,6 +170,7 @@ class Recovery:
 
 FIELDS: dict[str, Callable[[Recovery], np.ndarray]] = {
     "u": lambda r: r.u,
+    "v": lambda r: r.v,
     "F": lambda r: r.deformation_gradient,
     "stress": lambda r: r.stress,
     "strain": lambda r: r.strain,

@@ -2,7 +2,9 @@
 
 import resource
 import time as clock
+from collections.abc import Callable
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -32,10 +34,18 @@ from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
 from pdpetsc.support import check_resistance, check_support
 from pdpetsc.timings import Timings
+from pdpetsc.transient import Transient
 
 _KEEP_COMMUNICATOR = PETSc.Vec().create(PETSc.COMM_WORLD)
 """PETSc frees its copy of a communicator with the last object on it. Ranks collect garbage at different times, so in a
 second simulation of one process some would have to copy it again, collectively, and others not."""
+
+
+class Outputs(NamedTuple):
+    """Functions of a step's number: whether its fields and a checkpoint are written."""
+
+    fields: Callable[[int], bool]
+    checkpoint: Callable[[int], bool]
 
 
 class Simulation:
@@ -65,7 +75,8 @@ class Simulation:
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(case.path) else f"{case.path}: {message}") from None
-        self.state = State(u=np.zeros((self.particles.owned, self.particles.dim)))
+        in_time = case.solver.in_time
+        self.state = self.solver.initial if in_time else State(u=np.zeros((self.particles.owned, self.particles.dim)))
         self.rows: list[dict] = []
         self.observers: list[Observer] = []
 
@@ -104,7 +115,22 @@ class Simulation:
                     f"probe.{k}: {probe.name!r} has a point more than a spacing away from every particle; "
                     "does it lie outside the body or in a hole?"
                 )
-        solver = case.solver
+        if case.solver.in_time:
+            self._build_motion(sets)
+        else:
+            self._build_steps(sets, blocks)
+
+    def _build_motion(self, sets: Sets) -> None:
+        """What goes through time."""
+        self.fracture = self._fracture(sets) if self.case.damage else None
+        self.solver = Transient(self.case, self.assembler, sets, self.fracture)
+        self.schedule = self.solver.steps
+        for time in (0.0, self.schedule.end):  # a load without a value shows here
+            self.assembler.set_time(time)
+
+    def _build_steps(self, sets: Sets, blocks: float) -> None:
+        """What goes through load steps."""
+        case, p, solver = self.case, self.particles, self.case.solver
         nominal = solver.end_time / solver.steps
         self.schedule = Schedule(
             solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
@@ -129,12 +155,21 @@ class Simulation:
         for number, material in enumerate(self.materials):
             members[material.families.center] = number
         rules = rules_of(self.case, p, self.families, self.materials, sets)
-        return Fracture(self.assembler, self.families, rules, self.case.solver.bonds_per_pass, members)
+        solver = self.case.solver
+        return Fracture(self.assembler, self.families, rules, solver.bonds_per_pass, members, solver.in_time)
+
+    @cached_property
+    def output(self) -> Outputs:
+        """When fields and checkpoints are written."""
+        if self.case.solver.in_time:
+            return Outputs(self.solver.writes_fields, lambda step: step % self.solver.checkpoint == 0)
+        every, checkpoint = self.case.output.every or 1, self.case.output.checkpoint or 1
+        return Outputs(lambda step: step % every == 0, lambda step: step % checkpoint == 0)
 
     @cached_property
     def recovery(self) -> Recovery:
         """Fields of the committed state."""
-        return Recovery(self.assembler, self.state.u, self._reached)
+        return Recovery(self.assembler, self.state.u, self._reached, self.state.v)
 
     @property
     def damaged(self) -> dict[str, np.ndarray]:
@@ -180,6 +215,9 @@ class Simulation:
         try:
             if self.separated:  # in an earlier run
                 status = "separated"
+            elif self.case.solver.in_time:
+                self.solver.run(self.state, self._commit_motion)
+                status = "converged"
             elif self.case.solver.control == "load":
                 status = march(self.passes, self.state, self.schedule, self._commit, self._failed)
             else:
@@ -234,6 +272,14 @@ class Simulation:
         for observer in self.observers:
             observer.step(self)
 
+    def _commit_motion(self, state: State) -> None:
+        self.__dict__.pop("recovery", None)
+        self.state = state
+        probes = {probe.name: probe.read(self.recovery, state.time) for probe in self.probes}
+        self.rows.append(self.solver.row(state) | {"probes": probes})
+        for observer in self.observers:
+            observer.step(self)
+
     def _passed(self, record: StepRecord) -> None:
         for observer in self.observers:
             observer.passed(self, record)
@@ -274,6 +320,8 @@ class Simulation:
             "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
             "units": case.units.model_dump(),
         }
+        if case.solver.in_time:
+            summary["time_step"] = {"size": self.schedule.size, "stable": self.schedule.stable}
         if case.solver.control != "load":
             times, lengths = ([row[key] for row in self.rows] for key in ("time", "arc_length"))
             summary["limit_points"] = limit_points(times, lengths)
@@ -291,6 +339,8 @@ class Simulation:
     def _energies(self) -> dict:
         """Stored; and where bonds may fail what was done by loads and supports, what broken bonds have taken, and what
         is missing between them."""
+        if self.case.solver.in_time:
+            return self.solver.energies(self.state)
         energies = {"stored": self.assembler.stored_energy(self.state.u)}
         if self.fracture:
             done, gone = self.state.external_work, self.state.dissipated
@@ -300,9 +350,12 @@ class Simulation:
     def _fracture_measures(self) -> dict:
         """What became of the bonds over all steps."""
         last, failing = self.rows[-1], [row for row in self.rows if row["broken_bonds"]]
+        first = failing[0]["time"] if failing else None
+        if self.case.solver.in_time:
+            return {**{key: last[key] for key in ("broken_bonds", "crack_area")}, "first_failure": first}
         return {
             **{key: last[key] for key in ("broken_bonds", "crack_area", "held_particles")},
-            "first_failure": failing[0]["time"] if failing else None,
+            "first_failure": first,
             "failure_time": last["time"] if self.separated else None,
             "passes": sum(row["passes"] for row in self.rows),
             "most_newton_iterations": max(row["most_newton_iterations"] for row in self.rows),

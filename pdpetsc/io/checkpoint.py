@@ -14,7 +14,7 @@ from pdpetsc.state import State
 
 CHECKPOINT = "checkpoint.h5"
 FORMAT = 2
-FIELDS = ("u", "increment")
+FIELDS = ("u", "increment", "v")
 """Of the state, beside its numbers."""
 
 
@@ -34,9 +34,9 @@ def write_checkpoint(
     # Metadata must be the same on all ranks, and wall-clock seconds are not.
     text = p.comm.tompi4py().bcast(np.frombuffer(json.dumps(description).encode(), np.uint8))
     with open_file(p.comm, new, "w") as file:
-        write_field(p.comm, file, "u", p.directory, p.count, state.u)
-        if state.increment is not None:
-            write_field(p.comm, file, "increment", p.directory, p.count, state.increment)
+        for name in FIELDS:
+            if getattr(state, name) is not None:
+                write_field(p.comm, file, name, p.directory, p.count, getattr(state, name))
         write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
         if file is not None:
             file.attrs["pdpetsc_checkpoint"] = FORMAT
@@ -97,9 +97,8 @@ def read_state(directory: Path, particles: Particles) -> State:
     with h5py.File(path, "r") as file:
         kept = json.loads(file.attrs["state"])
         same = file["u"].shape == (p.count, p.dim)
-        moving = "increment" in file
+        there = [name for name in FIELDS if name in file]
     same = same and np.array_equal(read_field(path, "position", p.directory), p.position[: p.owned])
     if not p.comm.tompi4py().allreduce(int(same)) == p.comm.size:
         raise InputError(f"{path}: the checkpoint belongs to other particles than the case that it holds")
-    increment = read_field(path, "increment", p.directory) if moving else None
-    return State(u=read_field(path, "u", p.directory), increment=increment, **kept)
+    return State(**{name: read_field(path, name, p.directory) for name in there}, **kept)

@@ -1,3 +1,3 @@
 """Loads of the case file; importing the package fills the table `Load.kinds`."""
 
-from pdpetsc.loads import displacement, force  # noqa: F401
+from pdpetsc.loads import displacement, force, velocity  # noqa: F401

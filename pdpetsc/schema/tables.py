@@ -124,6 +124,12 @@ class Displacement(_ComponentLoad):
     kind: Literal["displacement"]
 
 
+class Velocity(_ComponentLoad):
+    """Prescribed components of the velocity."""
+
+    kind: Literal["velocity"]
+
+
 class BodyForce(_ComponentLoad):
     """Force per volume."""
 
@@ -176,7 +182,7 @@ class Pressure(Table):
         return self
 
 
-Load = Displacement | BodyForce | Force | Traction | Pressure
+Load = Displacement | Velocity | BodyForce | Force | Traction | Pressure
 LOAD_KINDS = [get_args(load.model_fields["kind"].annotation)[0] for load in get_args(Load)]
 
 
@@ -192,22 +198,32 @@ AnyLoad = Annotated[Load, Field(discriminator="kind"), BeforeValidator(_of_known
 class Solver(Table):
     """How the load is stepped; t runs from 0 to end_time."""
 
-    mode: Literal["newton", "relaxation"] = "newton"
+    mode: Literal["newton", "relaxation", "verlet", "generalised_alpha"] = "newton"
     hand_over: bool = False
     control: Literal["load", "arc_length", "failure"] = "load"
     steps: Count = 10
     end_time: Positive = 1.0
     adaptive: bool = True
+    time_step: Positive | None = None
     min_step: Positive | None = None
     max_step: Positive | None = None
     max_steps: Count = 1000
     bonds_per_pass: Fraction = 0.95
     overshoot: Positive = 0.1
 
+    @property
+    def in_time(self) -> bool:
+        """Whether t is time, and the body moves."""
+        return self.mode in ("verlet", "generalised_alpha")
+
     @model_validator(mode="after")
     def _check(self):
         if self.min_step and self.max_step and self.min_step > self.max_step:
             raise ValueError(f"min_step = {self.min_step} is greater than max_step = {self.max_step}")
+        if self.time_step and not self.in_time:
+            raise error_at("time_step", f'goes with mode = "verlet" and "generalised_alpha", not with "{self.mode}"')
+        if self.time_step and "steps" in self.model_fields_set:
+            raise error_at("time_step", "goes without steps: each says how long they are")
         if self.control != "load" and (self.mode != "newton" or self.hand_over):
             raise error_at("control", f'is "{self.control}", which goes with mode = "newton" without hand_over')
         if self.hand_over and self.mode != "newton":
@@ -216,6 +232,20 @@ class Solver(Table):
             raise error_at("max_steps", 'goes with control = "arc_length" and "failure"')
         if self.control != "load" and "overshoot" in self.model_fields_set:
             raise error_at("overshoot", 'goes with control = "load"')
+        return self
+
+
+class Initial(Table):
+    """Displacement or velocity of a set at the start of a motion."""
+
+    set: SetName = "all"
+    component: Axes
+    displacement: formula() | None = None
+    velocity: formula() | None = None
+
+    @model_validator(mode="after")
+    def _check(self):
+        exactly_one(self, "displacement", "velocity")
         return self
 
 
@@ -229,8 +259,10 @@ class Curve(Table):
 class Output(Table):
     """What is written, each so many load steps."""
 
-    every: Count = 1
-    checkpoint: Count = 1
+    every: Count | None = None
+    checkpoint: Count | None = None
+    history: Count | None = None
+    times: Annotated[tuple[Positive, ...], Strict(False)] = ()
     fields: Annotated[tuple[FieldName, ...], Strict(False)] = CHEAP
     picture: FieldName = "u"
     curve: Curve | None = None
@@ -268,6 +300,28 @@ def of_failing_bonds(solver: Solver, info: ValidationInfo) -> Solver:
     return solver
 
 
+def of_motion(solver: Solver, info: ValidationInfo) -> Solver:
+    """What moves in time has mass, and velocities are of motion."""
+    for name, table in info.data.get("material", {}).items() if solver.in_time else ():
+        if getattr(table, "density", 1.0) is None:
+            raise error_at("mode", f'"{solver.mode}" needs material.{name}.density')
+    for name, table in (info.data.get("damage") or {}).items() if solver.in_time else ():
+        if getattr(table, "softening", None):
+            raise error_at("mode", f'"{solver.mode}" does not go with damage.{name}.softening')
+    for load in info.data.get("load", ()) if not solver.in_time else ():
+        if load.kind == "velocity":
+            raise error_at("mode", f'"{solver.mode}" knows no velocity; take mode = "verlet" or "generalised_alpha"')
+    return solver
+
+
+def of_time(initial: tuple, info: ValidationInfo) -> tuple:
+    """Initial values are of motion in time."""
+    solver = info.data.get("solver")
+    if initial and solver and not solver.in_time:
+        raise ValueError(f'goes with mode = "verlet" and "generalised_alpha", not with "{solver.mode}"')
+    return initial
+
+
 def of_numbers(output: Output, info: ValidationInfo) -> Output:
     """Check that the curve is one of probes that are single numbers."""
     if output.curve is None or not {"body", "probe"} <= info.data.keys():
@@ -299,7 +353,8 @@ class Description(Table):
     material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
     damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
-    solver: Annotated[Solver, AfterValidator(of_failing_bonds)] = Solver()
+    solver: Annotated[Solver, AfterValidator(of_failing_bonds), AfterValidator(of_motion)] = Solver()
+    initial: Annotated[tuple[Initial, ...], Strict(False), AfterValidator(of_time)] = ()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()

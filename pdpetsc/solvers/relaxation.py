@@ -13,7 +13,7 @@ itself: over one step K v = -(F^n - F^(n-1)), so that
 
     omega^2 = -v.(F^n - F^(n-1))/(v.Lambda v),    v = v^(n-1/2)
 
-The seeds take the quotient of u with a local stiffness -(F_i^n - F_i^(n-1))/(lambda_i v_i), a quotient of small numbers.
+The seeds take the quotient of u with a local stiffness -(F_i^n - F_i^(n-1))/(lambda_i v_i), one of small numbers.
 """
 
 import time as clock

@@ -114,7 +114,7 @@ def test_a_stiffening_body_gets_other_masses(comm):
 
 
 @pytest.mark.parametrize(("solver", "message"), [
-    ({"mode": "relaxation", "control": "arc_length"}, 'solver.control: is "arc_length", which goes with mode = "newton"'),
+    ({"mode": "relaxation", "control": "arc_length"}, 'control: is "arc_length", which goes with mode = "newton"'),
     ({"mode": "relaxation", "hand_over": True}, 'solver.hand_over: goes with mode = "newton"'),
 ])  # fmt: skip
 def test_what_does_not_go_together(solver, message):

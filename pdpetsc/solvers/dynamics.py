@@ -1,0 +1,209 @@
+"""Motion in time: velocity Verlet as a PETSc TS of type python, and the generalised-alpha method of TS.
+
+    m a = f_ext(t) - dW/du,      m_i = density V_i        lumped, so each particle moves by itself
+
+Velocity Verlet (seed 004 section 2.3; second order, symplectic), t^n = n dt:
+
+    v^(n+1/2) = v^n + dt/2 a^n,   u^(n+1) = u^n + dt v^(n+1/2),   v^(n+1) = v^(n+1/2) + dt/2 a^(n+1)
+
+Stable for dt < 2/omega_max, and omega_max^2 <= max_a sum_b |K_ab|/m_a (Gershgorin; materials/row_sums.py). Prescribed
+displacements are met at each t^n, their velocity is that of the step. Bonds that have reached their critical value in
+u^(n+1) are broken before a^(n+1) is found.
+
+Energies of a step, with the mean of both ends' forces: loads and supports do the work W, broken bonds take D, and
+
+    kinetic + stored + D - W = what it was at the start
+
+exactly where forces are linear in u, with the kinetic energy v^(n-1/2).m v^(n+1/2)/2 = (v^n.m v^n - dt^2/4 a^n.m a^n)/2
+that leapfrogging keeps (dt = 0 in it for other schemes, which keep it up to their error).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from pdpetsc.assembly import Assembler
+from pdpetsc.errors import ConvergenceError
+from pdpetsc.fracture import Fracture
+from pdpetsc.state import State
+
+
+@dataclass(frozen=True)
+class TimeSteps:
+    """Equal steps from 0 to the end.
+
+    Attributes:
+        end: time of the last one.
+        count: number of steps.
+        stable: largest stable step of velocity Verlet, estimated.
+    """
+
+    end: float
+    count: int
+    stable: float
+
+    @property
+    def size(self) -> float:
+        return self.end / self.count
+
+    def time(self, step: int) -> float:
+        return self.end * step / self.count
+
+    def finished(self, time: float) -> bool:
+        return time >= self.end * (1 - 1e-12)
+
+
+def stable_step(assembler: Assembler, mass: np.ndarray, u: np.ndarray) -> float:
+    """2/omega_max by the row sums of the tangent at owned displacements u (collective).
+
+    Args:
+        mass: (owned,) of the particles.
+    """
+    assembler.linearise(u)
+    squares = np.where(assembler.constrained, 0.0, assembler.row_sums() / mass[:, None])
+    largest = assembler.mpi.allreduce(float(squares.max(initial=0.0)), MPI.MAX)
+    return 2 / largest**0.5 if largest else np.inf
+
+
+class Motion:
+    """What both ways through time have in common: forces, energies, what fails.
+
+    Args:
+        assembler: of the body.
+        mass: (owned,) of the particles.
+        fracture: the bonds; None: they do not fail.
+        steps: in time.
+        commit: called with the state after each of the steps for which `wanted` is true, and after the last one.
+        wanted: function of the step's number.
+        lag: dt in the kinetic energy (above).
+    """
+
+    def __init__(
+        self, assembler: Assembler, mass: np.ndarray, fracture: Fracture | None, steps: TimeSteps,
+        commit: Callable[[State], None], wanted: Callable[[int], bool], lag: float,
+    ):  # fmt: skip
+        self.assembler, self.mass, self.fracture, self.steps = assembler, mass[:, None], fracture, steps
+        self.commit, self.wanted, self.lag = commit, wanted, lag
+
+    def begin(self, state: State) -> None:
+        """Take over a state (collective)."""
+        a = self.assembler
+        a.set_time(state.time)
+        self.state = replace(state, u=np.where(a.constrained, a.prescribed, state.u), v=state.v.copy())
+        self._internal = a.internal_force(self.state.u)
+        self._external = a.external_force(self.state.u).copy()
+        if not state.step:
+            self.state.kinetic = self._kinetic()
+            self.state.brought = self.state.kinetic + a.stored_energy(self.state.u)
+
+    def acceleration(self) -> np.ndarray:
+        """Of free entries at the state."""
+        return np.where(self.assembler.constrained, 0.0, (self._external - self._internal) / self.mass)
+
+    def _kinetic(self) -> float:
+        """Kinetic energy of the state (collective)."""
+        square = self.state.v**2 - (self.lag * self.acceleration()) ** 2 / 4
+        return self.assembler.mpi.allreduce(float((self.mass * square).sum()) / 2)
+
+    def advance(self, u: np.ndarray, time: float) -> None:
+        """Move the state's displacements to u, with loads of a time: bonds that have become critical break, forces are
+        found and their work is added; velocities are up to the caller."""
+        a, state = self.assembler, self.state
+        change = u - state.u
+        state.u, state.time, state.step = u, time, state.step + 1
+        if self.fracture is not None:
+            self._break()
+        internal, external = a.internal_force(u), a.external_force(u)
+        force = np.where(a.constrained, self._internal + internal, self._external + external)
+        self._work = float((force * change).sum()) / 2
+        self._internal, self._external = internal, external.copy()
+
+    def settle(self, v: np.ndarray) -> None:
+        """Give the state its velocities, add the work of the step, and commit it if it is wanted."""
+        a, state, steps = self.assembler, self.state, self.steps
+        held = a.constrained
+        work = self._work + float((self.mass * (v**2 - state.v**2))[held].sum()) / 2  # supports move their own mass
+        state.v = v
+        total, finite = a.mpi.allreduce(np.array([work, float(np.isfinite(v).all() - 1.0)]))
+        state.external_work += float(total)
+        if finite < 0 or not np.isfinite(total):
+            raise ConvergenceError(
+                f"the motion has blown up in step {state.step}, t = {state.time:g}: a time step of {steps.size:.4g} is "
+                f"too long; {steps.stable:.4g} was estimated to be stable at the start"
+            )
+        if self.wanted(state.step) or state.step == steps.count:
+            state.kinetic = self._kinetic()
+            self.commit(replace(state, u=state.u.copy(), v=state.v.copy()))
+
+    def _break(self) -> None:
+        fracture, a, state = self.fracture, self.assembler, self.state
+        ratio = fracture.ratios(state.u)
+        if fracture.worst(ratio) < 1.0:
+            return
+        whole = a.stored_energy(state.u)
+        fracture.fail_all(ratio, state.step)
+        state.dissipated += whole - a.stored_energy(state.u)
+
+
+class Verlet:
+    """The TS of type python; options without a prefix, as in -ts_monitor."""
+
+    def __init__(self, motion: Motion):
+        self.motion = motion
+
+    def run(self, state: State) -> None:
+        """From a state to the end.
+
+        Raises:
+            ConvergenceError: the motion has blown up.
+        """
+        motion, steps = self.motion, self.motion.steps
+        motion.begin(state)
+        a = motion.assembler
+        self._a = motion.acceleration()
+        self.failure: Exception | None = None
+        x = a.vector()
+        x.getArray()[...] = motion.state.u.ravel()
+        ts = PETSc.TS().create(a.particles.comm)
+        try:
+            ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
+            ts.setType(PETSc.TS.Type.PYTHON)
+            ts.setPythonContext(self)
+            ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
+            ts.setTime(state.time)
+            ts.setTimeStep(steps.size)
+            ts.setStepNumber(state.step)
+            ts.setMaxSteps(steps.count)
+            ts.setMaxTime(2 * steps.end)
+            ts.setFromOptions()
+            ts.solve(x)
+        finally:
+            ts.destroy()
+        if self.failure:
+            raise self.failure
+
+    def step(self, ts: PETSc.TS) -> None:
+        """One step of TS."""
+        motion, dt = self.motion, self.motion.steps.size
+        a, state = motion.assembler, motion.state
+        time = motion.steps.time(state.step + 1)
+        try:
+            a.set_time(time)
+            v = state.v + dt / 2 * self._a
+            u = state.u + dt * v
+            held = a.constrained
+            u[held] = a.prescribed[held]
+            v[held] = (u[held] - state.u[held]) / dt
+            motion.advance(u, time)
+            self._a = motion.acceleration()
+            motion.settle(v + dt / 2 * self._a)
+        except Exception as error:  # through PETSc it would lose its kind
+            self.failure = error
+            ts.setConvergedReason(PETSc.TS.ConvergedReason.DIVERGED_STEP_REJECTED)
+            return
+        with ts.getSolution() as array:
+            array[...] = u.ravel()
+        ts.setTime(time)

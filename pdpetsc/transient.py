@@ -1,0 +1,124 @@
+"""A case in time: masses, initial values, time steps, and what is said of each of them."""
+
+import math
+import time as clock
+from collections.abc import Callable
+
+import numpy as np
+
+from pdpetsc.assembly import Assembler
+from pdpetsc.body.box import coordinates
+from pdpetsc.body.sets import Sets
+from pdpetsc.errors import InputError
+from pdpetsc.fracture import Fracture
+from pdpetsc.loads.velocity import Velocity
+from pdpetsc.parallel import collective, warn
+from pdpetsc.solvers.dynamics import Motion, TimeSteps, Verlet, stable_step
+from pdpetsc.state import State
+
+SAFETY = 0.9
+"""Of the stable step, where the case gives none."""
+
+ROWS, FIELDS, CHECKPOINTS = 1000, 20, 5
+"""About how many rows of the history, outputs of fields and checkpoints a run has where the case does not say."""
+
+
+class Transient:
+    """A motion of the body of a case.
+
+    Args:
+        case: with `[solver] mode` "verlet" or "generalised_alpha".
+        assembler: of the body.
+        materials: of the case's tables, in their order.
+        sets: of particles.
+        fracture: the bonds; None: they do not fail.
+    """
+
+    def __init__(self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None):
+        self._case, self._assembler, self._fracture = case, assembler, fracture
+        p = assembler.particles
+        self.mass = np.zeros(p.owned)
+        for table, material in zip(case.material.values(), assembler.materials):
+            own = material.families.center
+            self.mass[own] = table.density * p.volume[own]
+        self.initial = self._initial_state(sets)
+        self.steps = self._time_steps()
+        count, output = self.steps.count, case.output
+        self.every = output.every or max(1, count // FIELDS)
+        self.checkpoint = output.checkpoint or max(1, count // CHECKPOINTS)
+        self.history = output.history or max(1, count // ROWS)
+        self.at = {min(count, max(1, round(time / self.steps.size))) for time in output.times}
+
+    def _initial_state(self, sets: Sets) -> State:
+        p, a = self._assembler.particles, self._assembler
+        u, v = np.zeros((p.owned, p.dim)), np.zeros((p.owned, p.dim))
+        with collective(a.mpi):
+            for table in self._case.initial:
+                members = np.flatnonzero(sets[table.set])
+                place = coordinates(p.position[members], p.spacing[members])
+                field, value = (u, table.displacement) if table.displacement else (v, table.velocity)
+                field[np.ix_(members, table.component)] = value(**place)[:, None]
+        for load in a.constraints:
+            if isinstance(load, Velocity):
+                load.start = u[load.entries]
+                v[load.entries] = load.rates(0.0)
+        return State(u=u, v=v)
+
+    def _time_steps(self) -> TimeSteps:
+        solver, a = self._case.solver, self._assembler
+        stable = stable_step(a, self.mass, self.initial.u)
+        explicit = solver.mode == "verlet"
+        if solver.time_step or not explicit or "steps" in solver.model_fields_set:
+            size = solver.time_step or solver.end_time / solver.steps
+        else:
+            size = SAFETY * stable
+        if not math.isfinite(size):
+            raise InputError("solver.time_step: nothing in the body moves freely, so that no step can be estimated")
+        steps = TimeSteps(solver.end_time, max(1, math.ceil(solver.end_time / size * (1 - 1e-12))), stable)
+        if explicit and steps.size > stable:
+            text = f"solver.time_step: {steps.size:.4g} is above the stable step of {stable:.4g} that is estimated"
+            warn(a.mpi, f"{text} (a safe bound); watch the energies")
+        return steps
+
+    def wanted(self, step: int) -> bool:
+        """Whether a step is committed: for the history, the fields, a checkpoint or a given time."""
+        return any(step % n == 0 for n in (self.history, self.every, self.checkpoint)) or step in self.at
+
+    def writes_fields(self, step: int) -> bool:
+        """Whether the fields of a step are written."""
+        return step % self.every == 0 or step in self.at
+
+    def run(self, state: State, commit: Callable[[State], None]) -> None:
+        """From a state to the end.
+
+        Raises:
+            ConvergenceError: the motion has blown up, or a step was not solved.
+        """
+        self._began = clock.perf_counter()
+        self.motion = Motion(
+            self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, self.steps.size
+        )
+        Verlet(self.motion).run(state)
+
+    def energies(self, state: State) -> dict[str, float]:
+        """What loads have done, what there is and what is gone, and what is missing between them (collective)."""
+        kinetic, stored = state.kinetic, self._assembler.stored_energy(state.u)
+        imbalance = state.brought + state.external_work - kinetic - stored - state.dissipated
+        return {
+            "brought": state.brought, "external_work": state.external_work, "kinetic": kinetic, "stored": stored,
+            "dissipated": state.dissipated, "imbalance": imbalance,
+        }  # fmt: skip
+
+    def row(self, state: State) -> dict:
+        """A row of the history (collective)."""
+        broken = {} if self._fracture is None else {
+            "broken_bonds": self._fracture.count, "crack_area": self._fracture.crack_area,
+        }  # fmt: skip
+        names = {"kinetic": "kinetic_energy", "stored": "stored_energy"}
+        energies = {names.get(key, key): value for key, value in self.energies(state).items() if key != "brought"}
+        return {"step": state.step, "time": state.time, "time_step": self.steps.size, **energies, **broken,
+                "seconds": clock.perf_counter() - self._began}  # fmt: skip
+
+    def choices(self) -> dict[str, str]:
+        """What carries the case through time, for summary.json."""
+        return {"solver": "velocity Verlet", "preconditioner": "none", "tangent": "row sums"}
