@@ -116,14 +116,14 @@ class Simulation:
                     "does it lie outside the body or in a hole?"
                 )
         if case.solver.in_time:
-            self._build_motion(sets)
+            self._build_motion(sets, blocks)
         else:
             self._build_steps(sets, blocks)
 
-    def _build_motion(self, sets: Sets) -> None:
+    def _build_motion(self, sets: Sets, blocks: float) -> None:
         """What goes through time."""
         self.fracture = self._fracture(sets) if self.case.damage else None
-        self.solver = Transient(self.case, self.assembler, sets, self.fracture)
+        self.solver = Transient(self.case, self.assembler, sets, self.fracture, blocks)
         self.schedule = self.solver.steps
         for time in (0.0, self.schedule.end):  # a load without a value shows here
             self.assembler.set_time(time)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pdpetsc import options
 from pdpetsc.assembly import Assembler
 from pdpetsc.body.box import coordinates
 from pdpetsc.body.sets import Sets
@@ -13,11 +14,18 @@ from pdpetsc.errors import InputError
 from pdpetsc.fracture import Fracture
 from pdpetsc.loads.velocity import Velocity
 from pdpetsc.parallel import collective, warn
-from pdpetsc.solvers.dynamics import Motion, TimeSteps, Verlet, stable_step
+from pdpetsc.solvers.dynamics import GeneralisedAlpha, Motion, TimeSteps, Verlet, stable_step
+from pdpetsc.solvers.linear import default_options
+from pdpetsc.solvers.tangent import choose, tangent
 from pdpetsc.state import State
 
 SAFETY = 0.9
 """Of the stable step, where the case gives none."""
+
+ALPHA = {
+    "ts_alpha_radius": 0.9, "ts_rtol": 1e-4, "ts_atol": 1e-4, "snes_rtol": 1e-8, "snes_linesearch_type": "basic",
+}  # fmt: skip
+"""PETSc's options of the generalised-alpha method where the user gives none."""
 
 ROWS, FIELDS, CHECKPOINTS = 1000, 20, 5
 """About how many rows of the history, outputs of fields and checkpoints a run has where the case does not say."""
@@ -29,13 +37,13 @@ class Transient:
     Args:
         case: with `[solver] mode` "verlet" or "generalised_alpha".
         assembler: of the body.
-        materials: of the case's tables, in their order.
         sets: of particles.
         fracture: the bonds; None: they do not fail.
+        blocks: about how many the assembled tangent has.
     """
 
-    def __init__(self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None):
-        self._case, self._assembler, self._fracture = case, assembler, fracture
+    def __init__(self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None, blocks: float):
+        self._case, self._assembler, self._fracture, self._blocks = case, assembler, fracture, blocks
         p = assembler.particles
         self.mass = np.zeros(p.owned)
         for table, material in zip(case.material.values(), assembler.materials):
@@ -94,11 +102,19 @@ class Transient:
         Raises:
             ConvergenceError: the motion has blown up, or a step was not solved.
         """
-        self._began = clock.perf_counter()
-        self.motion = Motion(
-            self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, self.steps.size
-        )
-        Verlet(self.motion).run(state)
+        self._began, explicit = clock.perf_counter(), self._case.solver.mode == "verlet"
+        lag = self.steps.size if explicit else 0.0
+        self.motion = Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, lag)
+        (Verlet(self.motion) if explicit else self._implicit()).run(state)
+
+    def _implicit(self) -> GeneralisedAlpha:
+        """The generalised-alpha method with the linear solver that equilibria have, too."""
+        a, adaptive = self._assembler, self._case.solver.adaptive
+        choice = choose(a.dim, a.particles.count, self._blocks, options.given(), many=True)
+        compact = choice.kind == "matrix_free"
+        linear = default_options(compact, choice.direct, a.symmetric, a.mpi.size)
+        options.set_defaults(ALPHA | {"ts_adapt_type": "basic" if adaptive else "none"} | linear)
+        return GeneralisedAlpha(self.motion, tangent(a, choice.kind))
 
     def energies(self, state: State) -> dict[str, float]:
         """What loads have done, what there is and what is gone, and what is missing between them (collective)."""
@@ -121,4 +137,5 @@ class Transient:
 
     def choices(self) -> dict[str, str]:
         """What carries the case through time, for summary.json."""
-        return {"solver": "velocity Verlet", "preconditioner": "none", "tangent": "row sums"}
+        names = {"verlet": "velocity Verlet", "generalised_alpha": "generalised alpha (TSALPHA2)"}
+        return {"solver": names[self._case.solver.mode], "preconditioner": "none", "tangent": "row sums"}

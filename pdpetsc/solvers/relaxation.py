@@ -187,4 +187,4 @@ class _Motion:
         if n > self._least_at + STAGNANT + self._ramp:
             self.failure = f"relaxation stagnates at |r| = {norm / (scale or 1.0):.3g} of the loads"
         if self.failure:
-            ts.setConvergedReason(reasons.DIVERGED_STEP_REJECTED)
+            ts.setConvergedReason(reasons.CONVERGED_USER)

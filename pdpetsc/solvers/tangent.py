@@ -38,6 +38,13 @@ class AssembledTangent:
         """Linearise at owned displacements, (owned, dim)."""
         self._assembler.assemble(u)
 
+    def add_diagonal(self, diagonal: np.ndarray) -> None:
+        """Add to the diagonal of the last update, (owned, dim)."""
+        vector = self._assembler.vector()
+        vector.getArray()[...] = diagonal.ravel()
+        self.operator.setDiagonal(vector, PETSc.InsertMode.ADD_VALUES)
+        self.operator.assemble()
+
     def renew_preconditioner(self) -> None:
         """At the next update; here that happens anyway."""
 
@@ -62,7 +69,7 @@ class MatrixFreeTangent:
         self.operator.setBlockSize(assembler.dim)
         self.operator.setOption(PETSc.Mat.Option.SYMMETRIC, assembler.symmetric)
         self.operator.setUp()
-        self._stale = True
+        self._stale, self._fresh = True, False
         self._filled = False
 
     def update(self, u: np.ndarray) -> None:
@@ -72,9 +79,19 @@ class MatrixFreeTangent:
             if self._stale:
                 self._compact.fill(u)
                 self._action.short_waves = short_wave_inverse(self._assembler)
-                self._stale = False
+                self._stale, self._fresh = False, True
             self._filled = True
         self.operator.assemble()
+
+    def add_diagonal(self, diagonal: np.ndarray) -> None:
+        """Add to the diagonal of the last update, (owned, dim); the preconditioner has that of its own state."""
+        self._action.diagonal = diagonal
+        if self._fresh:
+            vector = self._assembler.vector()
+            vector.getArray()[...] = diagonal.ravel()
+            self.preconditioner.setDiagonal(vector, PETSc.InsertMode.ADD_VALUES)
+            self.preconditioner.assemble()
+            self._fresh = False
 
     def renew_preconditioner(self) -> None:
         """At the next update."""
@@ -93,16 +110,22 @@ class Action:
     def __init__(self, assembler: Assembler):
         self._assembler = assembler
         self.short_waves = np.empty((0, assembler.dim, assembler.dim))
+        self.diagonal: np.ndarray | None = None
+        """Of inertia, where there is any."""
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """y = K x."""
         dim = self._assembler.dim
-        result = self._assembler.constrained_action(x.getArray(readonly=True).reshape(-1, dim))
+        du = x.getArray(readonly=True).reshape(-1, dim)
+        result = self._assembler.constrained_action(du)
+        if self.diagonal is not None:
+            result += self.diagonal * du
         y.getArray()[...] = result.ravel()
 
     def getDiagonal(self, mat: PETSc.Mat, y: PETSc.Vec) -> None:
         """Diagonal of K."""
-        y.getArray()[...] = np.einsum("npp->np", self._assembler.diagonal()).ravel()
+        diagonal = np.einsum("npp->np", self._assembler.diagonal())
+        y.getArray()[...] = (diagonal if self.diagonal is None else diagonal + self.diagonal).ravel()
 
 
 class SymmetricAction(Action):
