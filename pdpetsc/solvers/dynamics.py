@@ -114,11 +114,13 @@ class Motion:
         a, state = self.assembler, self.state
         change = u - state.u
         state.u, state.time, state.step = u, time, state.step + 1
-        if self.fracture is not None:
-            self._break()
+        unbroken = self._break() if self.fracture is not None else None
         internal, external = a.internal_force(u), a.external_force(u)
         force = np.where(a.constrained, self._internal + internal, self._external + external)
         self._work = float((force * change).sum()) / 2
+        if unbroken is not None:  # their forces are gone for the second half of the step
+            lost = float(((unbroken - internal) * change).sum()) / 2
+            state.dissipated -= a.mpi.allreduce(lost)
         self._internal, self._external = internal, external.copy()
 
     def settle(self, v: np.ndarray) -> None:
@@ -138,14 +140,16 @@ class Motion:
             state.kinetic = self._kinetic()
             self.commit(replace(state, u=state.u.copy(), v=state.v.copy()))
 
-    def _break(self) -> None:
+    def _break(self) -> np.ndarray | None:
+        """Break what is critical at the state; the internal forces before, if anything has been broken."""
         fracture, a, state = self.fracture, self.assembler, self.state
         ratio = fracture.ratios(state.u)
         if fracture.worst(ratio) < 1.0:
-            return
-        whole = a.stored_energy(state.u)
+            return None
+        unbroken, whole = a.internal_force(state.u), a.stored_energy(state.u)
         fracture.fail_all(ratio, state.step)
         state.dissipated += whole - a.stored_energy(state.u)
+        return unbroken
 
 
 class Verlet:
