@@ -167,7 +167,7 @@ class BrokenBonds(Observer):
             gathered = run.comm.tompi4py().gather(lists)
             if gathered is not None:
                 bonds, ends = (np.concatenate(parts) for parts in zip(*gathered))
-                write_broken_bonds(self._path, bonds, ends, {row["step"]: row["time"] for row in run.rows})
+                write_broken_bonds(self._path, bonds, ends, run.time_of)
 
 
 class Checkpoint(Observer):

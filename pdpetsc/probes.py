@@ -15,6 +15,10 @@ REACH = 2.0
 """Particles within this many of their own spacings of a point take part in its interpolation."""
 
 
+THRESHOLD = 0.35
+"""Of the damage of particles that a crack has passed: one beside a straight crack has lost nearly half of its bonds."""
+
+
 class Interpolation:
     """Weights with which the owned particles give the value at points, exact for affine fields.
 
@@ -88,7 +92,7 @@ class Probe:
             self._integral = JIntegral(spec.name, spec, particles)
         elif spec.section is not None:
             self._section = Section(spec.name, spec.section, particles)
-        elif members is None:
+        elif members is None and spec.field != "crack_tip":
             self.points = np.array([spec.at]) if spec.at is not None else _line(*spec.line)
             self._interpolation = Interpolation(particles, self.points)
 
@@ -101,6 +105,8 @@ class Probe:
         """A number, or nested lists for lines and for fields without a component (collective)."""
         if self._integral is not None:
             return self._integral.read(recovery)
+        if self._spec.field == "crack_tip":
+            return self._tip(recovery.field("damage"))
         if self._section is not None:
             values = getattr(self._section, self._spec.field)(recovery)[None]
             return (values if self._spec.component is None else component(values, self._spec.component))[0].tolist()
@@ -111,6 +117,16 @@ class Probe:
             return self._reduce(values[self._members], time).tolist()
         found = self._interpolation(values)
         return (found[0] if self._spec.at is not None else found).tolist()
+
+    def _tip(self, damage: np.ndarray) -> float:
+        """How far a crack has come: the largest X.d of the particles whose damage is above the threshold; where there
+        are none, the smallest X.d of all (collective)."""
+        p = self._particles
+        along = p.position[: p.owned] @ np.array(self._spec.direction)
+        inside = np.ones(p.owned, bool) if self._members is None else self._members
+        torn = inside & (damage > (self._spec.threshold or THRESHOLD))
+        first = -_maximum(p.comm.tompi4py(), -along[inside])
+        return float(max(first, _maximum(p.comm.tompi4py(), along[torn])))
 
     def _reduce(self, values: np.ndarray, time: float) -> np.ndarray:
         p = self._particles

@@ -178,6 +178,12 @@ class Simulation:
             return {}
         return {"broken_bonds": self.fracture.broken(), "softened_bonds": self.fracture.softened()}
 
+    def time_of(self, step: int) -> float:
+        """The time of a step; of one between committed ones, that of the next one where steps are not equal."""
+        if self.case.solver.mode == "verlet":
+            return self.schedule.time(step)
+        return next(row["time"] for row in self.rows if row["step"] >= step)
+
     @property
     def ended(self) -> bool:
         """Whether nothing is left to be done: the end is reached, or the body has come apart."""

@@ -70,7 +70,7 @@ def plot_result(directory: Path, summary: dict, field: str) -> None:
 
 
 def plot_curve(directory: Path, title: str, rows: list[dict], x: str, y: str) -> None:
-    """Write curve.png: probe y over probe x, a marker for each committed step.
+    """Write curve.png: probe y over probe x or "time", with a marker for each committed step where they are few.
 
     Args:
         rows: one for each step, with the `probes` by their names.
@@ -79,7 +79,8 @@ def plot_curve(directory: Path, title: str, rows: list[dict], x: str, y: str) ->
 
     figure = Figure(figsize=(7, 5), layout="constrained")
     axes = figure.add_subplot()
-    axes.plot(*([row["probes"][name] for row in rows] for name in (x, y)), marker="o", markersize=4)
+    values = ([row["time"] if name == "time" else row["probes"][name] for row in rows] for name in (x, y))
+    axes.plot(*values, marker="o" if len(rows) < 100 else None, markersize=4)
     axes.grid(alpha=0.3)
     axes.set_xlabel(x, parse_math=False)
     axes.set_ylabel(y, parse_math=False)

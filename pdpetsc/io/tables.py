@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -47,16 +48,17 @@ def write_history(path: Path, rows: list[dict]) -> None:
             writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
 
 
-def write_broken_bonds(path: Path, bonds: np.ndarray, ends: np.ndarray, times: dict[int, float]) -> None:
+def write_broken_bonds(path: Path, bonds: np.ndarray, ends: np.ndarray, time_of: Callable[[int], float]) -> None:
     """Write the bonds that have failed, whole or not at all: a row for each direction, by load step and ids.
 
     Args:
         bonds: (n, 3) ids of both ends and the load step.
         ends: (n, 2 dim) positions of both ends.
-        times: of the load steps.
+        time_of: gives the time of a step.
     """
     axes, new = AXES[: ends.shape[1] // 2], path.with_suffix(".new")
     order = np.lexsort(bonds.T[[1, 0, 2]])
+    times = {step: time_of(step) for step in np.unique(bonds[:, 2]).astype(int).tolist()}
     with new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["step", "time", "i", "j", *(f"{axis.upper()}_{end}" for end in "ij" for axis in axes)])

@@ -35,6 +35,8 @@ RESULTANTS = ("force", "moment")
 """What is read on a section."""
 OF_A_CRACK = ("tip", "direction", "front", "radii")
 """Keys of a J-integral; the front in 3D only."""
+OF_A_TIP = ("direction", "threshold", "set")
+"""Keys of the position of a crack's tip."""
 SQUARE = 1e-6
 """Cosine of an angle that is a right one."""
 
@@ -43,7 +45,7 @@ class Probe(Table):
     """A number, or a few, that is followed at a point, along a line, over a set or a section, or around a crack."""
 
     name: Name
-    field: Literal[*QUANTITIES, "moment", "J"]
+    field: Literal[*QUANTITIES, "moment", "J", "crack_tip"]
     component: str | None = None
     at: Vector | None = None
     line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2)]], Strict(False)] | None = None
@@ -55,11 +57,16 @@ class Probe(Table):
     direction: Normal | None = None
     front: Normal | None = None
     radii: Annotated[tuple[Positive, Positive], Strict(False)] | None = None
+    threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo):
         if self.field == "J":
             return self._around_a_crack(info.context.dim)
+        if self.field == "crack_tip":
+            return self._of_a_tip()
+        if self.threshold is not None:
+            raise error_at("threshold", "goes with field = 'crack_tip'")
         if wrong := [key for key in OF_A_CRACK if getattr(self, key) is not None]:
             raise error_at(wrong[0], "is that of a crack: it goes with field = 'J'")
         exactly_one(self, "at", "line", "set", "section")
@@ -81,6 +88,13 @@ class Probe(Table):
             raise ValueError("reduce = 'error' needs a component")
         return self
 
+    def _of_a_tip(self):
+        if self.direction is None:
+            raise error_at("direction", "is missing: field = 'crack_tip' needs the direction in which the tip goes")
+        if wrong := [key for key in sorted(self.model_fields_set) if key not in ("name", "field", *OF_A_TIP)]:
+            raise error_at(wrong[0], f"does not go with field = 'crack_tip', which takes {', '.join(OF_A_TIP)}")
+        return self
+
     def _around_a_crack(self, dim: int):
         if dim == 1:
             raise ValueError("a body of one dimension has no J-integral: its cracks have no tip")
@@ -97,7 +111,7 @@ class Probe(Table):
 
     def is_number(self, dim: int) -> bool:
         """Whether a single number is read, not a list."""
-        if self.field == "J":
+        if self.field in ("J", "crack_tip"):
             return True
         return self.line is None and (self.component is not None or not self._components(dim))
 

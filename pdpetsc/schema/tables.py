@@ -329,6 +329,8 @@ def of_numbers(output: Output, info: ValidationInfo) -> Output:
     probes = {probe.name: probe for probe in info.data["probe"]}
     for axis in ("x", "y"):
         name = getattr(output.curve, axis)
+        if (axis, name) == ("x", "time"):
+            continue
         if name not in probes:
             choices = f"choices: {', '.join(probes) or 'none'}"
             raise ValueError(f"curve.{axis}: there is no probe {name!r}{hint(name, probes)}; {choices}")
