@@ -13,6 +13,7 @@ from pdpetsc.errors import InputError, at
 from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.loads.building import loaded_surfaces
 from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.materials.one_way import one_way_bonds
 from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Particles, distribute
 
@@ -63,6 +64,8 @@ def materials_of(case: Case, p: Particles, families: Families, interior: int, se
         with collective(p.comm.tompi4py()), at(f"material.{name}"):
             # Those that communicate raise on all ranks alike (`Neighbourhood.forward`).
             materials.append(Material.models[spec.model].from_case(spec, part))
+        if not spec.dual:
+            materials[-1].one_way = one_way_bonds(own, p.position, p.horizon, case.body.horizon_tolerance)
     mpi = p.comm.tompi4py()
     for name, material in zip(case.material, materials):
         unmatched, families = mpi.allreduce(np.array([material.unmatched, len(material.families)]))

@@ -20,6 +20,7 @@ from pdpetsc.influence import INFLUENCE, Influence
 from pdpetsc.materials import families as kernels
 from pdpetsc.materials import flux, rows, sums
 from pdpetsc.materials.families import dimension
+from pdpetsc.materials.one_way import remove_reactions
 from pdpetsc.materials.row_sums import add_row_sums
 from pdpetsc.materials.softened import Softenable
 
@@ -122,6 +123,8 @@ class Material(Softenable):
     """Whether the tangent is symmetric (hyperelastic models)."""
     intact: np.ndarray | None = None
     """Mask of the bonds that are not broken; None: all."""
+    one_way: np.ndarray | None = None
+    """Mask of the bonds whose reactions are left out, as before dual horizons; None: none are."""
     couples_family = True
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
     follows_bonds = False
@@ -243,8 +246,10 @@ class Material(Softenable):
         """Add the internal forces dW/du [force] of the families begin ... end - 1 to `force`; NaN where the state is
         outside the model's domain."""
         data, bonds = self._mechanics
-        end = len(self.families) if end is None else end
-        kernels.add_force(self._D, data, self._X, *bonds, self._volume, u, force, begin, end)
+        part = force, begin, len(self.families) if end is None else end
+        kernels.add_force(self._D, data, self._X, *bonds, self._volume, u, *part)
+        if self.one_way is not None:
+            remove_reactions(self._D, data, self._X, *bonds, self._volume, u, self.one_way, *part)
 
     def add_force_scale(self, u: np.ndarray, scale: np.ndarray) -> None:
         """Add to `scale` (local,) the sum of the absolute terms that cancel in `add_force`: its rounding error is
@@ -261,11 +266,9 @@ class Material(Softenable):
     def add_action(self, du: np.ndarray, force: np.ndarray, begin: int = 0, end: int | None = None) -> None:
         """Add K du of the families begin ... end - 1, with the tangent of the last `linearise`."""
         data, bonds = self._mechanics
-        end = len(self.families) if end is None else end
-        kernels.add_action(
-            self._D, data, self._tangent, self._X, *bonds, self._volume, self._u, self.follows_bonds, du, force,
-            begin, end,
-        )  # fmt: skip
+        part = du, force, begin, len(self.families) if end is None else end
+        state = data, self._tangent, self._X, *bonds, self._volume, self._u
+        kernels.add_action(self._D, *state, self.follows_bonds, *part)
 
     def add_diagonal(self, diagonal: np.ndarray) -> None:
         """Add the tangent's diagonal blocks to `diagonal` (local, dim, dim)."""

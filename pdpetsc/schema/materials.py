@@ -40,6 +40,7 @@ class AnyMaterial(Table):
     horizon: Horizon | None = None
     influence: Annotated[str | Expression, PlainValidator(_influence)] = "constant"
     partial_volume: Literal["none", *PARTIAL_VOLUME] = "none"
+    dual: bool = True
 
 
 def table_of_keys(keys: type[Keys], name: str, base: type[Table], **more) -> type[Table]:

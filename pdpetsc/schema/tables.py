@@ -305,6 +305,9 @@ def of_motion(solver: Solver, info: ValidationInfo) -> Solver:
     for name, table in info.data.get("material", {}).items() if solver.in_time else ():
         if getattr(table, "density", 1.0) is None:
             raise error_at("mode", f'"{solver.mode}" needs material.{name}.density')
+    for name, table in info.data.get("material", {}).items():
+        if getattr(table, "dual", True) is False and solver.mode != "verlet":
+            raise error_at("mode", f'"{solver.mode}" needs a tangent, which material.{name}.dual = false does not have')
     for name, table in (info.data.get("damage") or {}).items() if solver.in_time else ():
         if getattr(table, "softening", None):
             raise error_at("mode", f'"{solver.mode}" does not go with damage.{name}.softening')
