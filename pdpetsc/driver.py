@@ -19,6 +19,7 @@ from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, Field
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.simulation import Simulation
+from pdpetsc.summary import summary_of
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
@@ -150,7 +151,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
             _remove(comm, out)
             raise
         status, failure = "interrupted", error
-    summary = simulation.summary(status)
+    summary = summary_of(simulation, status)
     if comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)
         if simulation.rows:

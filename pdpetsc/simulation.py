@@ -1,16 +1,13 @@
 """A case built into particles, families, materials, loads and a solver, and carried through its load steps."""
 
-import resource
 import time as clock
 from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
-from pdpetsc import __version__, expectations, options
 from pdpetsc.assembly import Assembler
 from pdpetsc.body.cracks import Ends, cracks_of, cut_bonds
 from pdpetsc.body.sets import Sets
@@ -29,7 +26,7 @@ from pdpetsc.rules import rules_of
 from pdpetsc.solvers.constraints import ArcLength, Constraint, Failure
 from pdpetsc.solvers.equilibrium import equilibrium_solver
 from pdpetsc.solvers.passes import Passes, StepRecord
-from pdpetsc.solvers.path import follow, limit_points
+from pdpetsc.solvers.path import follow
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
 from pdpetsc.support import check_resistance, check_support
@@ -68,7 +65,7 @@ class Simulation:
     """
 
     def __init__(self, case: Case, comm: PETSc.Comm, blocks: float | None = None):
-        self._started = clock.perf_counter()
+        self.started = clock.perf_counter()
         self.case, self.comm = case, comm
         try:
             self._build(case, comm, expected_blocks(case) if blocks is None else blocks)
@@ -293,99 +290,3 @@ class Simulation:
     def _failed(self, reached: float, tried: float, reason: str) -> None:
         for observer in self.observers:
             observer.failed(self, reached, tried, reason)
-
-    def summary(self, status: str) -> dict:
-        """The contents of summary.json (collective)."""
-        case, mpi, p = self.case, self.comm.tompi4py(), self.particles
-        last = self.rows[-1] if self.rows else {"probes": {}}
-        recovery = self.recovery
-        self.timings.seconds["total"] = clock.perf_counter() - self._started
-        stages = ("setup", "families", "first_tangent", "residual", "tangent", "solve", "output", "total")
-        summary = {
-            "case": case.name,
-            "variant": case.variant,
-            "title": case.title,
-            "version": __version__,
-            "petsc_version": ".".join(map(str, PETSc.Sys.getVersion())),
-            "status": status,
-            "converged": status in ("converged", "separated"),
-            "dim": p.dim,
-            "particles": p.count,
-            "spacing": case.body.spacing,
-            "bonds": mpi.allreduce(self.families.bonds),
-            "ranks": self.comm.size,
-            "most_bonds_on_a_rank": mpi.allreduce(self.families.bonds, MPI.MAX),
-            "choices": self._choices(),
-            "steps": [{k: v for k, v in row.items() if k != "probes"} for row in self.rows],
-            "probes": last["probes"],
-            "extremes": self._extremes(),
-            "energies": self._energies(),
-            **({"fracture": self._fracture_measures()} if self.fracture and self.rows else {}),
-            "balance": recovery.balance(),
-            "timings": {s: mpi.allreduce(self.timings.seconds[s], MPI.MAX) for s in stages},
-            "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
-            "units": case.units.model_dump(),
-        }
-        if case.solver.in_time:
-            summary["time_step"] = {"size": self.schedule.size, "stable": self.schedule.stable}
-        if case.solver.control != "load":
-            times, lengths = ([row[key] for row in self.rows] for key in ("time", "arc_length"))
-            summary["limit_points"] = limit_points(times, lengths)
-        summary["expect"] = expectations.check(summary, case.expect)
-        summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
-        return summary
-
-    def _extremes(self) -> dict:
-        """The smallest and the largest value of each probe that is a single number, over all steps."""
-        last = self.rows[-1]["probes"] if self.rows else {}
-        numbers = [name for name, value in last.items() if isinstance(value, float)]
-        values = {name: [row["probes"][name] for row in self.rows] for name in numbers}
-        return {name: {"min": min(of), "max": max(of)} for name, of in values.items()}
-
-    def _energies(self) -> dict:
-        """Stored; and where bonds may fail what was done by loads and supports, what broken bonds have taken, and what
-        is missing between them."""
-        if self.case.solver.in_time:
-            return self.solver.energies(self.state)
-        energies = {"stored": self.assembler.stored_energy(self.state.u)}
-        if self.fracture:
-            done, gone = self.state.external_work, self.state.dissipated
-            energies |= {"external_work": done, "dissipated": gone, "imbalance": done - gone - energies["stored"]}
-        return energies
-
-    def _fracture_measures(self) -> dict:
-        """What became of the bonds over all steps."""
-        last, failing = self.rows[-1], [row for row in self.rows if row["broken_bonds"]]
-        first = failing[0]["time"] if failing else None
-        if self.case.solver.in_time:
-            return {**{key: last[key] for key in ("broken_bonds", "crack_area")}, "first_failure": first}
-        return {
-            **{key: last[key] for key in ("broken_bonds", "crack_area", "held_particles")},
-            "first_failure": first,
-            "failure_time": last["time"] if self.separated else None,
-            "passes": sum(row["passes"] for row in self.rows),
-            "most_newton_iterations": max(row["most_newton_iterations"] for row in self.rows),
-            "separated": int(self.fracture.separated),
-        }
-
-    def _choices(self) -> dict:
-        mpi, materials = self.comm.tompi4py(), {}
-        for (name, spec), material in zip(self.case.material.items(), self.materials):
-            materials[name] = {
-                "model": spec.model,
-                "influence": spec.influence if isinstance(spec.influence, str) else spec.influence.text,
-                "partial_volume": spec.partial_volume,
-                "quadrature": "plain",
-                "unmatched_families": mpi.allreduce(material.unmatched),
-                "surface_correction": "none",
-                **material.choices(),
-            }
-        return {
-            "materials": materials,
-            "horizon_tolerance": self.case.body.horizon_tolerance,
-            "cracks": len(self.case.body.cracks),
-            "cut_bonds": self.cut_bonds,
-            "mode": self.case.solver.mode,
-            "control": self.case.solver.control,
-            **self.solver.choices(),
-        }

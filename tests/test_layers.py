@@ -33,7 +33,19 @@ LAYERS = (
     ("compact", "rules", "fracture"),
     ("solvers", "recover", "adapt"),
     ("probes", "sections", "j_integral", "expectations", "observers", "io"),
-    ("schema", "case", "census", "prediction", "building", "transient", "simulation", "driver", "cli", "__main__"),
+    (
+        "schema",
+        "case",
+        "census",
+        "prediction",
+        "building",
+        "transient",
+        "simulation",
+        "summary",
+        "driver",
+        "cli",
+        "__main__",
+    ),
 )
 LEVEL = {room: level for level, layer in enumerate(LAYERS) for room in layer}
 

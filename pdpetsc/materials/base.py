@@ -124,7 +124,7 @@ class Material(Softenable):
     intact: np.ndarray | None = None
     """Mask of the bonds that are not broken; None: all."""
     one_way: np.ndarray | None = None
-    """Mask of the bonds whose reactions are left out, as before dual horizons; None: none are."""
+    """Mask of the bonds whose reactions are left out (one_way.py); None: none are."""
     couples_family = True
     """Whether the neighbours of a particle interact through it (rows then reach two horizons)."""
     follows_bonds = False
@@ -136,7 +136,7 @@ class Material(Softenable):
     central = False
     """Whether forces act along the bonds."""
     unmatched = 0
-    """Number of families that could not be matched by `quadrature = "matched"`."""
+    """Families that could not be matched by `quadrature = "matched"`."""
 
     def __init_subclass__(cls):
         if "name" in cls.__dict__:
@@ -243,8 +243,7 @@ class Material(Softenable):
         raise NotImplementedError
 
     def add_force(self, u: np.ndarray, force: np.ndarray, begin: int = 0, end: int | None = None) -> None:
-        """Add the internal forces dW/du [force] of the families begin ... end - 1 to `force`; NaN where the state is
-        outside the model's domain."""
+        """Add the forces dW/du of the families begin ... end - 1 to `force`; NaN outside the model's domain."""
         data, bonds = self._mechanics
         part = force, begin, len(self.families) if end is None else end
         kernels.add_force(self._D, data, self._X, *bonds, self._volume, u, *part)
@@ -252,19 +251,17 @@ class Material(Softenable):
             remove_reactions(self._D, data, self._X, *bonds, self._volume, u, self.one_way, *part)
 
     def add_force_scale(self, u: np.ndarray, scale: np.ndarray) -> None:
-        """Add to `scale` (local,) the sum of the absolute terms that cancel in `add_force`: its rounding error is
-        about machine precision times this."""
+        """Add to `scale` (local,) the absolute terms that cancel in `add_force`; its rounding is eps times this."""
         data, bonds = self._mechanics
         kernels.add_force_scale(self._D, data, self._X, *bonds, self._volume, u, scale)
 
     def linearise(self, u: np.ndarray) -> None:
         """Prepare `add_action`, `add_diagonal` and `add_rows` at u."""
-        data, bonds = self._mechanics
-        self._u = u
+        self._u, (data, bonds) = u, self._mechanics
         kernels.linearise(self._D, data, self._tangent, self._X, *bonds, u)
 
     def add_action(self, du: np.ndarray, force: np.ndarray, begin: int = 0, end: int | None = None) -> None:
-        """Add K du of the families begin ... end - 1, with the tangent of the last `linearise`."""
+        """Add K du of the families begin ... end - 1, K of the last `linearise`."""
         data, bonds = self._mechanics
         part = du, force, begin, len(self.families) if end is None else end
         state = data, self._tangent, self._X, *bonds, self._volume, self._u

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from pdpetsc import case
 from pdpetsc.io.tables import is_result
 from pdpetsc.simulation import Simulation
+from pdpetsc.summary import summary_of
 
 pytestmark = pytest.mark.mpi
 
@@ -734,7 +735,7 @@ def test_one_rank_and_several(comm, name):
         expected = alone.recovery.field(field)
         difference = np.abs(whole.recovery.field(field) - expected[ids]).max(initial=0)
         assert difference <= 1e-10 * np.abs(expected).max(), field
-    assert whole.summary("converged")["bonds"] == alone.families.bonds
+    assert summary_of(whole, "converged")["bonds"] == alone.families.bonds
     assert whole.assembler.stored_energy(whole.state.u) == pytest.approx(
         alone.assembler.stored_energy(alone.state.u), rel=1e-10
     )

@@ -18,6 +18,7 @@ from pdpetsc.simulation import Simulation
 from pdpetsc.solvers.newton import Newton
 from pdpetsc.solvers.passes import Overshoot
 from pdpetsc.solvers.record import StepFailed
+from pdpetsc.summary import summary_of
 
 pytestmark = pytest.mark.mpi
 
@@ -161,7 +162,7 @@ def test_energy_balance(ended, model, control):
     assert np.all(np.abs(done - stored - gone) < 0.01 * done)
     if model == "ordinary":
         assert np.diff(gone).min() > -1e-8 * done.max()
-    kept = run.built.summary(run.status)["energies"]
+    kept = summary_of(run.built, run.status)["energies"]
     assert kept["imbalance"] == pytest.approx(done[-1] - stored[-1] - gone[-1], abs=1e-9 * done.max())
 
 
