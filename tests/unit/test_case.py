@@ -389,7 +389,7 @@ MISTAKES = [
     ),
     ("nu = 0.33", "nu = 0.3\nstabilisation = 0.1", "material.steel.stabilisation: must be a table, not 0.1"),
     ('kind = "displacement"', 'kind = "speed"', "load.0.kind: must be one of displacement, velocity, body_force, for"),
-    ('kind = "displacement"', "", "kind: must be one of displacement, velocity, body_force, force, traction, pressure"),
+    ('kind = "displacement"', "", "load.0.kind: must be one of displacement, velocity, body_force, force, traction, "),
     ('set = "left"', 'set = "top"', "load.0.set: there is no set 'top'; choices: all, left, middle"),
     ('set = "left"', 'sets = "left"', "load.0.sets: unknown key (did you mean 'set'?); choices: set, component, value"),
     ('component = "all"', 'component = "z"', "load.0.component: must be one of x, y, a list of them, or 'all'"),
