@@ -105,7 +105,8 @@ class Transient:
         self._began, explicit = clock.perf_counter(), self._case.solver.mode == "verlet"
         lag = self.steps.size if explicit else 0.0
         self.motion = Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, lag)
-        (Verlet(self.motion) if explicit else self._implicit()).run(state)
+        with self._assembler.timings("solve"):
+            (Verlet(self.motion) if explicit else self._implicit()).run(state)
 
     def _implicit(self) -> GeneralisedAlpha:
         """The generalised-alpha method with the linear solver that equilibria have, too."""

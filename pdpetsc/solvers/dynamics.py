@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
+from numba import njit
 from petsc4py import PETSc
 
 from pdpetsc.assembly import Assembler
@@ -93,45 +94,42 @@ class Motion:
         a = self.assembler
         a.set_time(state.time)
         self.state = replace(state, u=np.where(a.constrained, a.prescribed, state.u), v=state.v.copy())
-        self._internal = a.internal_force(self.state.u)
-        self._external = a.external_force(self.state.u).copy()
+        self.internal = a.internal_force(self.state.u)
+        self.external = a.external_force(self.state.u).copy()
         if not state.step:
             self.state.kinetic = self._kinetic()
             self.state.brought = self.state.kinetic + a.stored_energy(self.state.u)
 
-    def acceleration(self) -> np.ndarray:
-        """Of free entries at the state."""
-        return np.where(self.assembler.constrained, 0.0, (self._external - self._internal) / self.mass)
-
     def _kinetic(self) -> float:
         """Kinetic energy of the state (collective)."""
-        square = self.state.v**2 - (self.lag * self.acceleration()) ** 2 / 4
-        return self.assembler.mpi.allreduce(float((self.mass * square).sum()) / 2)
+        acceleration = np.where(self.assembler.constrained, 0.0, (self.external - self.internal) / self.mass)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a motion that is about to blow up
+            square = self.state.v**2 - (self.lag * acceleration) ** 2 / 4
+            return self.assembler.mpi.allreduce(float((self.mass * square).sum()) / 2)
 
     def advance(self, u: np.ndarray, time: float) -> None:
         """Move the state's displacements to u, with loads of a time: bonds that have become critical break, forces are
         found and their work is added; velocities are up to the caller."""
         a, state = self.assembler, self.state
-        change = u - state.u
+        before = state.u
         state.u, state.time, state.step = u, time, state.step + 1
         unbroken = self._break() if self.fracture is not None else None
         internal, external = a.internal_force(u), a.external_force(u)
-        force = np.where(a.constrained, self._internal + internal, self._external + external)
-        self._work = float((force * change).sum()) / 2
+        self._work = _work(a.constrained, before, u, self.internal, internal, self.external, external)
         if unbroken is not None:  # their forces are gone for the second half of the step
-            lost = float(((unbroken - internal) * change).sum()) / 2
+            lost = float(((unbroken - internal) * (u - before)).sum()) / 2
             state.dissipated -= a.mpi.allreduce(lost)
-        self._internal, self._external = internal, external.copy()
+        self.internal = internal
+        self.external[...] = external
 
     def settle(self, v: np.ndarray) -> None:
         """Give the state its velocities, add the work of the step, and commit it if it is wanted."""
         a, state, steps = self.assembler, self.state, self.steps
-        held = a.constrained
-        work = self._work + float((self.mass * (v**2 - state.v**2))[held].sum()) / 2  # supports move their own mass
+        work = self._work + _work_on_masses(a.constrained, self.mass[:, 0], state.v, v)
         state.v = v
-        total, finite = a.mpi.allreduce(np.array([work, float(np.isfinite(v).all() - 1.0)]))
-        state.external_work += float(total)
-        if finite < 0 or not np.isfinite(total):
+        total = a.mpi.allreduce(work)
+        state.external_work += total
+        if not np.isfinite(total):
             raise ConvergenceError(
                 f"the motion has blown up in step {state.step}, t = {state.time:g}: a time step of {steps.size:.4g} is "
                 f"too long; {steps.stable:.4g} was estimated to be stable at the start"
@@ -167,7 +165,6 @@ class Verlet:
         motion, steps = self.motion, self.motion.steps
         motion.begin(state)
         a = motion.assembler
-        self._a = motion.acceleration()
         self.failure: Exception | None = None
         x = a.vector()
         x.getArray()[...] = motion.state.u.ravel()
@@ -196,14 +193,11 @@ class Verlet:
         time = motion.steps.time(state.step + 1)
         try:
             a.set_time(time)
-            v = state.v + dt / 2 * self._a
-            u = state.u + dt * v
-            held = a.constrained
-            u[held] = a.prescribed[held]
-            v[held] = (u[held] - state.u[held]) / dt
+            u, v, held, mass = np.empty_like(state.u), np.empty_like(state.v), a.constrained, motion.mass[:, 0]
+            _drift(held, a.prescribed, mass, motion.internal, motion.external, dt, state.u, state.v, u, v)
             motion.advance(u, time)
-            self._a = motion.acceleration()
-            motion.settle(v + dt / 2 * self._a)
+            _kick(held, mass, motion.internal, motion.external, dt / 2, v)
+            motion.settle(v)
         except Exception as error:  # through PETSc it would lose its kind
             self.failure = error
             ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
@@ -211,6 +205,52 @@ class Verlet:
         with ts.getSolution() as array:
             array[...] = u.ravel()
         ts.setTime(time)
+
+
+@njit(cache=True)
+def _drift(held, prescribed, mass, internal, external, dt, u, v, new_u, new_v):
+    """Fill new_v with v^(n+1/2) and new_u with u^(n+1)."""
+    for i in range(len(u)):
+        for k in range(u.shape[1]):
+            if held[i, k]:
+                new_u[i, k] = prescribed[i, k]
+                new_v[i, k] = (prescribed[i, k] - u[i, k]) / dt
+            else:
+                new_v[i, k] = v[i, k] + 0.5 * dt * (external[i, k] - internal[i, k]) / mass[i]
+                new_u[i, k] = u[i, k] + dt * new_v[i, k]
+
+
+@njit(cache=True)
+def _kick(held, mass, internal, external, dt, v):
+    """Add dt a to the velocities of free entries."""
+    for i in range(len(v)):
+        for k in range(v.shape[1]):
+            if not held[i, k]:
+                v[i, k] += dt * (external[i, k] - internal[i, k]) / mass[i]
+
+
+@njit(cache=True)
+def _work(held, u, new_u, internal, new_internal, external, new_external):
+    """Of loads and supports over a step, without the inertia of what supports move."""
+    work = 0.0
+    for i in range(len(u)):
+        for k in range(u.shape[1]):
+            force = internal[i, k] + new_internal[i, k] if held[i, k] else external[i, k] + new_external[i, k]
+            work += 0.5 * force * (new_u[i, k] - u[i, k])
+    return work
+
+
+@njit(cache=True)
+def _work_on_masses(held, mass, v, new_v):
+    """What supports do on the masses that they move; not finite where a velocity is not."""
+    work = 0.0
+    for i in range(len(v)):
+        for k in range(v.shape[1]):
+            if held[i, k]:
+                work += 0.5 * mass[i] * (new_v[i, k] ** 2 - v[i, k] ** 2)
+            elif not np.isfinite(new_v[i, k]):
+                work = np.nan
+    return work
 
 
 class GeneralisedAlpha:
