@@ -115,10 +115,12 @@ class History(Observer):
 
     def __init__(self, directory: Path):
         self._path = directory / "history.csv"
+        self._written = 0
 
     def step(self, run):
         if run.comm.rank == 0:
-            write_history(self._path, run.rows)
+            write_history(self._path, run.rows, self._written)
+        self._written = len(run.rows)
 
 
 class FieldOutput(Observer):

@@ -36,15 +36,17 @@ def is_result(directory: Path) -> bool:
         return False
 
 
-def write_history(path: Path, rows: list[dict]) -> None:
-    """Write history.csv whole; each row is a load step with the probes that are single numbers."""
+def write_history(path: Path, rows: list[dict], begin: int = 0) -> None:
+    """Write history.csv whole, or append the rows from `begin` on; each row is a step with the probes that are single
+    numbers."""
     scalar = (int, float, str)
     columns = [name for name, value in rows[0].items() if isinstance(value, scalar)]
     probes = [name for name, value in rows[0]["probes"].items() if isinstance(value, scalar)]
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with path.open("a" if begin else "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([*columns, *probes])
-        for row in rows:
+        if not begin:
+            writer.writerow([*columns, *probes])
+        for row in rows[begin:]:
             writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
 
 
