@@ -227,6 +227,8 @@ class Simulation:
                 status = follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
         except (ConvergenceError, InputError) as error:  # met by all ranks alike, so they can finish together
             failure = error
+            if self.fracture and self.case.solver.in_time:  # what has broken since the last committed step
+                self.fracture.roll_back(self.state.u)
             if self.rows:
                 self.assembler.set_time(self.state.time)  # the loads of the last committed state again
             else:
@@ -278,6 +280,8 @@ class Simulation:
     def _commit_motion(self, state: State) -> None:
         self.__dict__.pop("recovery", None)
         self.state = state
+        if self.fracture:
+            self.fracture.commit()
         probes = {probe.name: probe.read(self.recovery, state.time) for probe in self.probes}
         self.rows.append(self.solver.row(state) | {"probes": probes})
         for observer in self.observers:

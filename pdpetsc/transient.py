@@ -14,7 +14,8 @@ from pdpetsc.errors import InputError
 from pdpetsc.fracture import Fracture
 from pdpetsc.loads.velocity import Velocity
 from pdpetsc.parallel import collective, warn
-from pdpetsc.solvers.dynamics import GeneralisedAlpha, Motion, TimeSteps, Verlet, stable_step
+from pdpetsc.solvers.dynamics import Motion, TimeSteps, Verlet, stable_step
+from pdpetsc.solvers.generalised_alpha import GeneralisedAlpha
 from pdpetsc.solvers.linear import default_options
 from pdpetsc.solvers.tangent import choose, tangent
 from pdpetsc.state import State
@@ -43,12 +44,17 @@ class Transient:
     """
 
     def __init__(self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None, blocks: float):
-        self._case, self._assembler, self._fracture, self._blocks = case, assembler, fracture, blocks
+        self._case, self._assembler, self._fracture = case, assembler, fracture
         p = assembler.particles
         self.mass = np.zeros(p.owned)
         for table, material in zip(case.material.values(), assembler.materials):
             own = material.families.center
             self.mass[own] = table.density * p.volume[own]
+        self._choice = None
+        if case.solver.mode == "generalised_alpha":
+            self._choice = choose(assembler.dim, p.count, blocks, options.given(), many=True)
+            if case.output.times and case.solver.adaptive:
+                raise InputError("output.times: goes with equal steps; take solver.adaptive = false")
         self.initial = self._initial_state(sets)
         self.steps = self._time_steps()
         count, output = self.steps.count, case.output
@@ -111,10 +117,14 @@ class Transient:
     def _implicit(self) -> GeneralisedAlpha:
         """The generalised-alpha method with the linear solver that equilibria have, too."""
         a, adaptive = self._assembler, self._case.solver.adaptive
-        choice = choose(a.dim, a.particles.count, self._blocks, options.given(), many=True)
+        choice, solver = self._choice, self._case.solver
         compact = choice.kind == "matrix_free"
         linear = default_options(compact, choice.direct, a.symmetric, a.mpi.size)
-        options.set_defaults(ALPHA | {"ts_adapt_type": "basic" if adaptive else "none"} | linear)
+        adapt = {"ts_adapt_type": "basic" if adaptive else "none"}
+        if adaptive:
+            smallest, largest = solver.min_step or self.steps.size / 1024, solver.max_step or solver.end_time
+            adapt |= {"ts_max_snes_failures": -1, "ts_adapt_dt_min": smallest, "ts_adapt_dt_max": largest}
+        options.set_defaults(ALPHA | adapt | linear)
         return GeneralisedAlpha(self.motion, tangent(a, choice.kind))
 
     def energies(self, state: State) -> dict[str, float]:
@@ -133,10 +143,12 @@ class Transient:
         }  # fmt: skip
         names = {"kinetic": "kinetic_energy", "stored": "stored_energy"}
         energies = {names.get(key, key): value for key, value in self.energies(state).items() if key != "brought"}
-        return {"step": state.step, "time": state.time, "time_step": self.steps.size, **energies, **broken,
+        return {"step": state.step, "time": state.time, "time_step": self.motion.last, **energies, **broken,
                 "seconds": clock.perf_counter() - self._began}  # fmt: skip
 
     def choices(self) -> dict[str, str]:
         """What carries the case through time, for summary.json."""
-        names = {"verlet": "velocity Verlet", "generalised_alpha": "generalised alpha (TSALPHA2)"}
-        return {"solver": names[self._case.solver.mode], "preconditioner": "none", "tangent": "row sums"}
+        if self._choice is None:
+            return {"solver": "velocity Verlet", "preconditioner": "none", "tangent": "row sums"}
+        linear = "direct" if self._choice.direct else "iterative"
+        return {"solver": "generalised alpha (alpha2)", "preconditioner": linear, "tangent": self._choice.kind}

@@ -140,6 +140,10 @@ class Solver(Table):
             raise error_at("time_step", f'goes with mode = "verlet" and "generalised_alpha", not with "{self.mode}"')
         if self.time_step and "steps" in self.model_fields_set:
             raise error_at("time_step", "goes without steps: each says how long they are")
+        idle = ("overshoot", "bonds_per_pass", *(("adaptive", "min_step", "max_step") if self.mode == "verlet" else ()))
+        for key in idle if self.in_time else ():
+            if key in self.model_fields_set:
+                raise error_at(key, f'does not go with mode = "{self.mode}"')
         if self.control != "load" and (self.mode != "newton" or self.hand_over):
             raise error_at("control", f'is "{self.control}", which goes with mode = "newton" without hand_over')
         if self.hand_over and self.mode != "newton":
@@ -242,7 +246,11 @@ def of_time(initial: tuple, info: ValidationInfo) -> tuple:
 
 
 def of_numbers(output: Output, info: ValidationInfo) -> Output:
-    """Check that the curve is one of probes that are single numbers."""
+    """Check that the curve is one of probes that are single numbers, and that what is of motion goes with motion."""
+    solver = info.data.get("solver")
+    for key in ("history", "times") if solver and not solver.in_time else ():
+        if key in output.model_fields_set:
+            raise error_at(key, f'is of motion; it does not go with mode = "{solver.mode}"')
     if output.curve is None or not {"body", "probe"} <= info.data.keys():
         return output
     probes = {probe.name: probe for probe in info.data["probe"]}

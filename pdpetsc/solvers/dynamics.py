@@ -1,4 +1,4 @@
-"""Motion in time: velocity Verlet as a PETSc TS of type python, and the generalised-alpha method of TS.
+"""Motion in time, and velocity Verlet as a PETSc TS of type python.
 
     m a = f_ext(t) - dW/du,      m_i = density V_i        lumped, so each particle moves by itself
 
@@ -27,7 +27,7 @@ from numba import njit
 from petsc4py import PETSc
 
 from pdpetsc.assembly import Assembler
-from pdpetsc.errors import ConvergenceError
+from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.fracture import Fracture
 from pdpetsc.state import State
 
@@ -69,6 +69,27 @@ def stable_step(assembler: Assembler, mass: np.ndarray, u: np.ndarray) -> float:
     return 2 / largest**0.5 if largest else np.inf
 
 
+def from_options(ts: PETSc.TS) -> None:
+    """Let the user's options have their say, but not on what the TS is.
+
+    Raises:
+        InputError: PETSc refuses an option, or it asks for another kind of TS.
+    """
+    kind, prefix = ts.getType(), ts.getOptionsPrefix() or ""
+    try:
+        ts.setFromOptions()
+    except PETSc.Error as error:
+        raise InputError(f"[petsc] or command line: PETSc refuses an option (its error {error.ierr})") from None
+    if ts.getType() != kind:
+        raise InputError(f"-{prefix}ts_type: cannot be chosen here; [solver] mode says how t is gone through")
+
+
+def reason_of(ts: PETSc.TS) -> str:
+    """PETSc's name of why a TS ended."""
+    reason = ts.getConvergedReason()
+    return next((name for name, value in vars(PETSc.TS.ConvergedReason).items() if value == reason), str(reason))
+
+
 class Motion:
     """What both ways through time have in common: forces, energies, what fails.
 
@@ -93,6 +114,7 @@ class Motion:
         """Take over a state (collective)."""
         a = self.assembler
         a.set_time(state.time)
+        self.committed, self.last = state.step, self.steps.size
         self.state = replace(state, u=np.where(a.constrained, a.prescribed, state.u), v=state.v.copy())
         self.internal = a.internal_force(self.state.u)
         self.external = a.external_force(self.state.u).copy()
@@ -111,7 +133,7 @@ class Motion:
         """Move the state's displacements to u, with loads of a time: bonds that have become critical break, forces are
         found and their work is added; velocities are up to the caller."""
         a, state = self.assembler, self.state
-        before = state.u
+        before, self.last = state.u, time - state.time
         state.u, state.time, state.step = u, time, state.step + 1
         unbroken = self._break() if self.fracture is not None else None
         internal, external = a.internal_force(u), a.external_force(u)
@@ -134,9 +156,24 @@ class Motion:
                 f"the motion has blown up in step {state.step}, t = {state.time:g}: a time step of {steps.size:.4g} is "
                 f"too long; {steps.stable:.4g} was estimated to be stable at the start"
             )
-        if self.wanted(state.step) or state.step == steps.count:
-            state.kinetic = self._kinetic()
-            self.commit(replace(state, u=state.u.copy(), v=state.v.copy()))
+        if self.wanted(state.step) or steps.finished(state.time):
+            self._commit()
+
+    def _commit(self) -> None:
+        self.state.kinetic, self.committed = self._kinetic(), self.state.step
+        self.commit(replace(self.state, u=self.state.u.copy(), v=self.state.v.copy()))
+
+    def close(self, reason: str) -> None:
+        """After the last step (collective).
+
+        Raises:
+            ConvergenceError: it is not the end.
+        """
+        state = self.state
+        if not self.steps.finished(state.time):
+            if state.step > self.committed:
+                self._commit()
+            raise ConvergenceError(f"the motion has ended at t = {state.time:g}, short of end_time: {reason}")
 
     def _break(self) -> np.ndarray | None:
         """Break what is critical at the state; the internal forces before, if anything has been broken."""
@@ -179,12 +216,14 @@ class Verlet:
             ts.setStepNumber(state.step)
             ts.setMaxSteps(steps.count)
             ts.setMaxTime(2 * steps.end)
-            ts.setFromOptions()
+            from_options(ts)
             ts.solve(x)
+            reason = reason_of(ts)
         finally:
             ts.destroy()
         if self.failure:
             raise self.failure
+        motion.close(reason)
 
     def step(self, ts: PETSc.TS) -> None:
         """One step of TS."""
@@ -251,94 +290,3 @@ def _work_on_masses(held, mass, v, new_v):
             elif not np.isfinite(new_v[i, k]):
                 work = np.nan
     return work
-
-
-class GeneralisedAlpha:
-    """TSALPHA2 (Chung and Hulbert 1993) on the residual and the tangent of equilibrium,
-
-        F(t, u, v, a) = m a + dW/du - f_ext(t) = 0,      dF/du + s_a dF/da = K + s_a m
-
-    with r_c = s (u_c - prescribed) in the rows of supports. Options without a prefix, as in -ts_alpha_radius (0.9),
-    -ts_adapt_type (basic, or none with adaptive = false), -ts_rtol (1e-4) and -ts_atol; SNES, KSP and PC as for
-    equilibria.
-
-    Args:
-        motion: what moves.
-        tangent: of the body.
-    """
-
-    def __init__(self, motion: Motion, tangent):
-        self.motion, self._tangent = motion, tangent
-
-    def run(self, state: State) -> None:
-        """From a state to the end.
-
-        Raises:
-            ConvergenceError: a step was not solved.
-        """
-        motion, steps = self.motion, self.motion.steps
-        motion.begin(state)
-        a = motion.assembler
-        u, v = a.vector(), a.vector()
-        u.getArray()[...], v.getArray()[...] = motion.state.u.ravel(), motion.state.v.ravel()
-        self.failure: Exception | None = None
-        ts = PETSc.TS().create(a.particles.comm)
-        try:
-            ts.setType(PETSc.TS.Type.ALPHA2)
-            ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
-            ts.setI2Function(self._function, a.vector())
-            ts.setI2Jacobian(self._jacobian, self._tangent.operator, self._tangent.preconditioner)
-            ts.setSolution2(u, v)
-            ts.setTime(state.time)
-            ts.setStepNumber(state.step)
-            ts.setTimeStep(steps.size if not state.step_size else state.step_size)
-            ts.setMaxSteps(10**9)
-            ts.setMaxTime(steps.end)
-            ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
-            ts.setPostStep(self._committed)
-            ts.setErrorIfStepFails(False)
-            ts.setFromOptions()
-            ts.solve(u)
-            reason = ts.getConvergedReason()
-        finally:
-            ts.destroy()
-        if self.failure:
-            raise self.failure
-        if reason < 0:
-            names = {value: name for name, value in vars(PETSc.TS.ConvergedReason).items()}
-            raise ConvergenceError(
-                f"the motion was not solved beyond t = {motion.state.time:g}: {names.get(reason, reason)}; "
-                "a smaller time_step in [solver] may help"
-            )
-
-    def _function(self, ts, t, u, v, acceleration, f) -> None:
-        a, mass = self.motion.assembler, self.motion.mass
-        a.set_time(t)
-        r = a.residual_array(u.getArray(readonly=True).reshape(-1, a.dim))
-        inertia = mass * acceleration.getArray(readonly=True).reshape(-1, a.dim)
-        with f as array:
-            array[...] = (r + np.where(a.constrained, 0.0, inertia)).ravel()
-
-    def _jacobian(self, ts, t, u, v, acceleration, shift_v, shift_a, J, P) -> None:
-        a = self.motion.assembler
-        a.set_time(t)
-        displacement = u.getArray(readonly=True).reshape(-1, a.dim)
-        self._tangent.update(np.where(a.constrained, a.prescribed, displacement))
-        self._tangent.add_diagonal(np.where(a.constrained, 0.0, shift_a * self.motion.mass))
-
-    def _committed(self, ts) -> None:
-        motion, a = self.motion, self.motion.assembler
-        try:
-            time = ts.getTime()
-            solution, velocity = ts.getSolution2()
-            a.set_time(time)
-            u = solution.getArray(readonly=True).reshape(-1, a.dim).copy()
-            broken = motion.fracture.count if motion.fracture else 0
-            motion.state.step_size = ts.getTimeStep()
-            motion.advance(u, time)
-            motion.settle(velocity.getArray(readonly=True).reshape(-1, a.dim).copy())
-            if motion.fracture and motion.fracture.count > broken:
-                ts.restartStep()  # forces have jumped
-        except Exception as error:  # through PETSc it would lose its kind
-            self.failure = error
-            ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)

@@ -23,6 +23,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc.assembly import Assembler
+from pdpetsc.errors import InputError
+from pdpetsc.solvers.dynamics import from_options
 from pdpetsc.solvers.record import SolveRecord, StepFailed
 
 PREFIX = "pd_adr_"
@@ -58,8 +60,10 @@ class Relaxation:
         self._assembler = assembler
         self._x = assembler.vector()
         options = PETSc.Options(PREFIX)
-        self.rtol = options.getReal("rtol", DEFAULTS["rtol"])
-        self.safety = options.getReal("safety", DEFAULTS["safety"])
+        try:
+            self.rtol, self.safety = (options.getReal(name, DEFAULTS[name]) for name in ("rtol", "safety"))
+        except PETSc.Error:
+            raise InputError(f"-{PREFIX}rtol, -{PREFIX}safety: must be numbers") from None
         self.ts = ts = PETSc.TS().create(assembler.particles.comm)
         ts.setOptionsPrefix(PREFIX)
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -69,7 +73,7 @@ class Relaxation:
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         ts.setMaxSteps(DEFAULTS["ts_max_steps"])
         ts.setMaxTime(1e30)
-        ts.setFromOptions()
+        from_options(ts)
 
     def choices(self) -> dict[str, str]:
         """What solves, for summary.json."""
