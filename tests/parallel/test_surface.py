@@ -9,6 +9,7 @@ from petsc4py import PETSc
 from pdpetsc.case import Case
 from pdpetsc.errors import InputError
 from pdpetsc.simulation import Simulation
+from pdpetsc.summary import summary_of
 
 pytestmark = [pytest.mark.mpi, pytest.mark.usefixtures("petsc_options")]
 
@@ -53,7 +54,7 @@ def test_a_material_that_some_ranks_do_not_have(comm):
         material.energy(simulation.assembler.localise(simulation.state.u)).sum() for material in simulation.materials
     )
     assert comm.allreduce(total) == 0
-    assert simulation._choices()["materials"]["b"]["surface_correction"] == "directional"
+    assert summary_of(simulation, "converged")["choices"]["materials"]["b"]["surface_correction"] == "directional"
     simulation.solver.destroy()
 
 
