@@ -148,32 +148,8 @@ class FieldOutput(Observer):
             self._writer.write(run.state.step, run.state.time, run.recovery)
 
 
-class BrokenBonds(Observer):
-    """broken_bonds.csv, of the steps that are wanted and of the last one that was committed."""
-
-    def __init__(self, directory: Path, wanted: Callable[[int], bool]):
-        self._path = directory / "broken_bonds.csv"
-        self._wanted = wanted
-
-    def step(self, run):
-        if self._wanted(run.state.step):
-            self._write(run)
-
-    def finish(self, run):
-        if run.state.step and not self._wanted(run.state.step):
-            self._write(run)
-
-    def _write(self, run):
-        with run.timings("output"):
-            lists = run.fracture.broken(), np.concatenate(run.fracture.broken_ends(), axis=1)
-            gathered = run.comm.tompi4py().gather(lists)
-            if gathered is not None:
-                bonds, ends = (np.concatenate(parts) for parts in zip(*gathered))
-                write_broken_bonds(self._path, bonds, ends, run.time_of)
-
-
-class Checkpoint(Observer):
-    """Checkpoints of the steps that are wanted and of the last one that was committed."""
+class OfSteps(Observer):
+    """Writes something of the steps that are wanted and of the last one that was committed."""
 
     def __init__(self, directory: Path, wanted: Callable[[int], bool]):
         self._directory = directory
@@ -186,6 +162,25 @@ class Checkpoint(Observer):
     def finish(self, run):
         if run.state.step and not self._wanted(run.state.step):
             self._write(run)
+
+    def _write(self, run):
+        raise NotImplementedError
+
+
+class BrokenBonds(OfSteps):
+    """broken_bonds.csv."""
+
+    def _write(self, run):
+        with run.timings("output"):
+            lists = run.fracture.broken(), np.concatenate(run.fracture.broken_ends(), axis=1)
+            gathered = run.comm.tompi4py().gather(lists)
+            if gathered is not None:
+                bonds, ends = (np.concatenate(parts) for parts in zip(*gathered))
+                write_broken_bonds(self._directory / "broken_bonds.csv", bonds, ends, run.time_of)
+
+
+class Checkpoint(OfSteps):
+    """Checkpoints."""
 
     def _write(self, run):
         with run.timings("output"):
