@@ -72,10 +72,10 @@ class Transient:
                 place = coordinates(p.position[members], p.spacing[members])
                 field, value = (u, table.displacement) if table.displacement else (v, table.velocity)
                 field[np.ix_(members, table.component)] = value(**place)[:, None]
-        for load in a.constraints:
-            if isinstance(load, Velocity):
-                load.start = u[load.entries]
-                v[load.entries] = load.rates(0.0)
+            for load in a.constraints:  # a velocity may have no value on one rank alone
+                if isinstance(load, Velocity):
+                    load.start = u[load.entries]
+                    v[load.entries] = load.rates(0.0)
         return State(u=u, v=v)
 
     def _time_steps(self) -> TimeSteps:
