@@ -16,6 +16,14 @@ from pdpetsc.sparsity import Part, Sparsity, symmetrise, tangent_sparsity
 from pdpetsc.support import rigid_motions
 from pdpetsc.timings import Timings
 
+ROUNDING_MARGIN = 10.0
+"""A residual that no longer falls counts as converged below this many times its estimated rounding error."""
+
+WORST_FLOOR = 1e-6
+"""A residual above this fraction of loads and reactions is no equilibrium, however large the displacements that raise
+its rounding error (those of a body that floats away). Where there are none, as in a rigid motion, the fraction is that
+of the forces of a strain of as much again."""
+
 
 class Assembler:
     """Equilibrium r(u) = dW/du - f_ext = 0 of materials and loads on distributed particles.
@@ -199,17 +207,20 @@ class Assembler:
             r = self.residual_array(x.getArray(readonly=True).reshape(-1, self.dim))
             f.getArray()[...] = r.ravel()
 
-    def rounding_floor(self, u: np.ndarray) -> float:
-        """Norm of the rounding error of a residual: machine precision times the terms that cancel in it (collective).
+    def at_rounding_floor(self, norm: float, u: np.ndarray) -> bool:
+        """Whether a residual of this norm, the last one, is rounding alone and cannot be reduced (collective).
 
-        A residual that has come down to a few times this cannot be reduced further in double precision.
+        It is compared with machine precision times the terms that cancel in it.
         """
+        if norm > WORST_FLOOR * max(self.residual_scale(), WORST_FLOOR * self.unit_force):
+            return False
         local = self.localise(u)
         scale = np.zeros(self.particles.local)
         for material in self.materials:
             material.add_force_scale(local, scale)
         scale = self.particles.exchange.reverse_add(scale)[: self.particles.owned]
-        return np.finfo(float).eps * self.mpi.allreduce(float((scale**2).sum())) ** 0.5
+        rounding = np.finfo(float).eps * self.mpi.allreduce(float((scale**2).sum())) ** 0.5
+        return norm <= ROUNDING_MARGIN * rounding
 
     def linearise(self, u: np.ndarray) -> None:
         """Prepare `action`, `diagonal` and the assembled tangent at owned displacements."""

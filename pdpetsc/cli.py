@@ -14,13 +14,14 @@ from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.expressions import hint
 
 DEFAULT_CASE = "clamped_beam"
-COMMANDS = ("run", "check", "list", "restart")
+COMMANDS = ("run", "check", "list", "restart", "plot")
 HELP = f"""\
 pdpetsc {__version__}: implicit peridynamics in parallel, on PETSc
 
   pdpetsc [run] [CASE] [--out DIR] [--set key=value ...] [--quiet] [PETSc options]
   pdpetsc check [CASE] [--set key=value ...] [--ranks N] [PETSc options]
   pdpetsc restart DIR [--quiet] [PETSc options]
+  pdpetsc plot DIR [--field NAME] [--animate]
   pdpetsc list
 
 CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT for a variant
@@ -29,6 +30,8 @@ CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT fo
   --out DIR         where results go (default: results/CASE); an earlier result there is replaced
   --set key=value   override one entry of the case: body.spacing=0.01, load.0.value="-1e-4 * t"
   --ranks N         check: on how many ranks the case would run (default: as many as there are)
+  --field NAME      plot: what colours DIR/NAME.png, as u, damage, stress (default: as in the case)
+  --animate         plot: all steps of the field file, as DIR/NAME.gif
   --quiet           print warnings and errors only
   --version         print the version
   -h, --help        print this text; -help is PETSc's own
@@ -42,6 +45,7 @@ Examples:
   mpirun -n 4 python -m pdpetsc plate.toml -snes_monitor -ksp_type cg -pc_type gamg
   pdpetsc check plate.toml --ranks 64              would it fit?
   pdpetsc restart results/plate                    go on from the last checkpoint
+  pdpetsc plot results/plate --field damage --animate
 
 Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
 4 an expectation missed."""
@@ -55,7 +59,8 @@ class _Parser(argparse.ArgumentParser):
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `ranks`, `quiet`.
+    """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `ranks`,
+    `field`, `animate`, `quiet`.
 
     Raises:
         InputError: The command line makes no sense.
@@ -65,6 +70,8 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="key=value")
     parser.add_argument("--ranks", type=int)
+    parser.add_argument("--field")
+    parser.add_argument("--animate", action="store_true")
     parser.add_argument("--quiet", action="store_true")
     parser.add_argument("--version", action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
@@ -85,8 +92,10 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         )
     if len(words) > known:
         raise InputError(f"more than one case: {', '.join(words)}")
-    if request.command == "restart" and not words:
-        raise InputError("restart needs the directory of an earlier result")
+    if request.command in ("restart", "plot") and not words:
+        raise InputError(f"{request.command} needs the directory of an earlier result")
+    if request.command != "plot" and (request.field or request.animate):
+        raise InputError("--field and --animate go with plot; a run's picture is that of output.picture in the case")
     if not takes_case and (request.out or request.overrides):
         raise InputError(f"{request.command} takes neither --out nor --set")
     if request.command == "check" and request.out:
@@ -146,6 +155,10 @@ def _do(request: argparse.Namespace, comm) -> int:
         from pdpetsc import driver
 
         return driver.restart(Path(request.operand), request.quiet)
+    elif request.command == "plot":
+        from pdpetsc import driver
+
+        return driver.plot(Path(request.operand), request.field, request.animate)
     else:
         with parallel.collective(comm):
             chosen = case.load(request.operand, request.overrides)

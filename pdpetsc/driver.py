@@ -8,12 +8,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc import __version__
-from pdpetsc.case import Case
+from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
 from pdpetsc.io.checkpoint import CHECKPOINT, read_damaged, read_description, read_state
-from pdpetsc.io.plot import plot_curve, plot_result
+from pdpetsc.io.plot import animate_result, plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
 from pdpetsc.parallel import collective, say, warn
@@ -61,6 +61,27 @@ def restart(directory: Path, quiet: bool = False) -> int:
     if simulation.ended:
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)
+
+
+def plot(directory: Path, field: str | None, animate: bool) -> int:
+    """Draw a field of a result, its last step or all of them moving; the exit code of the command line.
+
+    Args:
+        directory: of the result.
+        field: of `quantities`; None: as the case says.
+        animate: whether all steps are drawn.
+
+    Raises:
+        InputError: there is no such result or field.
+    """
+    comm = PETSc.COMM_WORLD
+    with collective(comm.tompi4py()):
+        if comm.rank == 0:
+            summary = tables.read_summary(directory)
+            field = field or load(str(directory / "case.toml")).output.picture
+            draw = animate_result if animate else plot_result
+            say(comm, f"{draw(directory, summary, field, field)}")
+    return 0
 
 
 def check(case: Case, ranks: int | None = None) -> int:
@@ -169,7 +190,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
 def _plot(comm, out: Path, summary: dict, rows: list[dict], output) -> None:
     """The pictures; a run is not lost for want of them."""
     try:
-        plot_result(out, summary, output.picture)
+        plot_result(out, summary, output.picture, "result")
         if output.curve:
             plot_curve(out, summary["title"] or summary["case"], rows, output.curve.x, output.curve.y)
     except Exception as error:

@@ -4,6 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 
 from pdpetsc.io.blocks import open_file, write_field
@@ -44,7 +45,7 @@ class FieldWriter:
     def _keep(self, times: dict[int, float]) -> None:
         """Keep the steps of an earlier run up to its checkpoint and drop later ones."""
         with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
-            written = sorted(name for name in file if name.isdigit()) if file is not None else []
+            written = written_steps(file) if file is not None else []
             for name in written:
                 if int(name) not in times:
                     del file[name]
@@ -65,6 +66,11 @@ class FieldWriter:
     def _write(self, file, name: str, values: np.ndarray) -> None:
         p = self._particles
         write_field(p.comm, file, name, p.directory, p.count, _for_visualisation(values))
+
+
+def written_steps(file: h5py.File) -> list[str]:
+    """The groups of steps in a field file, in order."""
+    return sorted((name for name in file if name.isdigit()), key=int)
 
 
 def _for_visualisation(values: np.ndarray) -> np.ndarray:

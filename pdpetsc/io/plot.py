@@ -1,11 +1,16 @@
-"""The pictures of a result: the deformed body coloured by a field, and one probe over another."""
+"""The pictures of a result: the deformed body coloured by a field, still or moving, and one probe over another."""
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
-from pdpetsc.io.fields import HDF5
+from pdpetsc.errors import InputError
+from pdpetsc.io.fields import HDF5, written_steps
 from pdpetsc.quantities import QUANTITIES, component, von_mises
 
 VISIBLE = 0.05
@@ -18,55 +23,158 @@ ALIKE = 0.01
 """Spacings that differ by less than this fraction are drawn as if of one size."""
 
 
-def plot_result(directory: Path, summary: dict, field: str) -> None:
-    """Write result.png from the last step in the result's field file."""
+MARGIN = 0.02
+"""Of the body's size, that is left round it."""
+
+SECONDS = 8.0
+"""Length of an animation."""
+
+
+class Frame(NamedTuple):
+    """What a step's picture shows: arrays (n, ...) of particles with three components."""
+
+    position: np.ndarray
+    spacing: np.ndarray
+    volume: np.ndarray
+    u: np.ndarray
+    F: np.ndarray
+    values: np.ndarray
+
+
+class Range(NamedTuple):
+    """What the pictures of all steps of an animation have in common.
+
+    Attributes:
+        factor: by which displacements are drawn enlarged.
+        values: the smallest and the largest.
+        low, high: corners of the box round the deformed body.
+    """
+
+    factor: float
+    values: tuple[float, float]
+    low: np.ndarray
+    high: np.ndarray
+
+
+def plot_result(directory: Path, summary: dict, field: str, name: str) -> Path:
+    """Write a picture, NAME.png, of the last step in the result's field file, and return its path.
+
+    Raises:
+        InputError: there is no such field.
+    """
     from matplotlib.figure import Figure  # slow to import, and needed on the first rank alone
 
     with h5py.File(directory / HDF5, "r") as file:
-        last = file[max(name for name in file if name.isdigit())]
-        position = file["position"][...]
-        spacing = file["spacing"][...]
-        volume = file["volume"][...]
-        u, values = last["u"][...], colour_values(field, last[field][...])
-        F = last["F"][...].reshape(-1, 3, 3) if "F" in last else np.eye(3)[None].repeat(len(u), axis=0)
-    dim = summary["dim"]
-    size = float(np.ptp(position, axis=0).max())
-    largest = float(np.sqrt((u**2).sum(axis=1)).max())
-    factor = VISIBLE * size / largest if 0 < largest < VISIBLE * size / 5 else 1.0
-    x = position + factor * u
-    shape = np.eye(3) + factor * (F - np.eye(3))
+        step = written_steps(file)[-1]
+        frame = read_frame(file, step, field)
+    figure = Figure()
+    _draw(figure, summary, field, frame, _range(lambda: [frame], summary["dim"]), _time(summary, step))
+    path = directory / f"{name}.png"
+    figure.savefig(path, dpi=150)
+    return path
 
-    sides = cell_sides(position[:, :dim], spacing, volume)
-    name = QUANTITIES[field].label
-    unit = QUANTITIES[field].unit.format(**summary["units"])
+
+def animate_result(directory: Path, summary: dict, field: str, name: str) -> Path:
+    """Write an animation, NAME.gif, of all steps in the result's field file, and return its path: one scale of colours
+    and displacements, about SECONDS long.
+
+    Raises:
+        InputError: there is no such field.
+    """
+    from matplotlib.animation import PillowWriter
+    from matplotlib.figure import Figure
+
+    with h5py.File(directory / HDF5, "r") as file:
+        steps = written_steps(file)
+        common = _range(lambda: (read_frame(file, step, field) for step in steps), summary["dim"])
+        writer, figure = PillowWriter(fps=min(20.0, max(1.0, len(steps) / SECONDS))), Figure()
+        path = directory / f"{name}.gif"
+        _draw(figure, summary, field, read_frame(file, steps[-1], field), common, 0.0)  # gives it its size
+        with writer.saving(figure, path, 100):
+            for step in track(steps, description="drawing", console=Console(stderr=True), transient=True):
+                figure.clear()
+                _draw(figure, summary, field, read_frame(file, step, field), common, _time(summary, step))
+                writer.grab_frame()
+    return path
+
+
+def read_frame(file: h5py.File, step: str, field: str) -> Frame:
+    """A step of a field file.
+
+    Raises:
+        InputError: the field was not written.
+    """
+    group = file[step]
+    if field not in group:
+        raise InputError(
+            f"--field {field}: was not written; there is {', '.join(sorted(group))}, and output.fields asks for more"
+        )
+    u, values = group["u"][...], colour_values(field, group[field][...])
+    F = group["F"][...].reshape(-1, 3, 3) if "F" in group else np.eye(3)[None].repeat(len(u), axis=0)
+    return Frame(*(file[name][...] for name in ("position", "spacing", "volume")), u, F, values)
+
+
+def _time(summary: dict, step: str) -> float:
+    return next(row["time"] for row in summary["steps"] if row.get("step", int(step)) == int(step))
+
+
+def _range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:
+    """Of frames that are gone through twice."""
+    size, largest, values, ends = 0.0, 0.0, [], []
+    for frame in frames():
+        size = max(size, float(np.ptp(frame.position, axis=0).max()))
+        largest = max(largest, float(np.sqrt((frame.u**2).sum(axis=1)).max()))
+        values += [float(frame.values.min()), float(frame.values.max())]
+    factor = VISIBLE * size / largest if 0 < largest < VISIBLE * size / 5 else 1.0
+    for frame in frames():
+        half = frame.spacing[:, None] / 2 * (np.arange(3) < dim)
+        x = frame.position + factor * frame.u
+        ends.append(((x - half).min(axis=0), (x + half).max(axis=0)))
+    lows, highs = (np.array(side) for side in zip(*ends, strict=True))
+    low, high = min(values), max(values)
+    if high - low < 1e-6 * max(abs(low), abs(high)):  # a uniform field: no colours for rounding errors
+        low, high = low - 0.01 * abs(low), high + 0.01 * abs(high)
+    return Range(factor, (low, high), lows.min(axis=0), highs.max(axis=0))
+
+
+def _draw(figure, summary: dict, field: str, frame: Frame, common: Range, time: float) -> None:
+    """The body at a step, coloured by a field."""
+    dim, factor = summary["dim"], common.factor
+    x = frame.position + factor * frame.u
+    shape = np.eye(3) + factor * (frame.F - np.eye(3))
+    sides = cell_sides(frame.position[:, :dim], frame.spacing, frame.volume)
+    width, height, _ = common.high - common.low
     if dim == 3:
-        figure = Figure(figsize=(7.5, 6))
+        figure.set_size_inches(7.5, 6)
         figure.subplots_adjust(left=0.05, right=0.9, bottom=0.1, top=0.9)
         axes = figure.add_subplot(projection="3d")
-        marks = _cubes(axes, position, x, shape, spacing, sides, values)
+        marks = _cubes(axes, frame, x, shape, sides, common)
         axes.set_zlabel(f"z [{summary['units']['length']}]")
     else:
-        width, height = np.ptp(x[:, :2], axis=0)
         across = 7.0 if dim == 1 or width > height else max(5.5 * width / height, 1.5)  # of the axes, in inches
         upright = 0.8 if dim == 1 else max(across * height / width, 0.8)
-        figure = Figure(figsize=(across + 2, upright + 1.5), layout="constrained")
+        figure.set_size_inches(across + 2, upright + 1.5)
+        figure.set_layout_engine("constrained")
         axes = figure.add_subplot()
-        marks = _squares(axes, x, shape, sides, values) if dim == 2 else axes.scatter(x[:, 0], 0 * x[:, 0], c=values)
-        axes.set_aspect("equal")
-        if dim == 1:
+        if dim == 2:
+            marks = _squares(axes, x, shape, sides, frame.values)
+            border = MARGIN * max(width, height)
+            for axis, low, high in zip("xy", common.low, common.high, strict=False):
+                axes.set(**{f"{axis}lim": (low - border, high + border)})
+        else:
+            marks = axes.scatter(x[:, 0], 0 * x[:, 0], c=frame.values)
             axes.set_yticks([])
-    low, high = float(values.min()), float(values.max())
-    if high - low < 1e-6 * max(abs(low), abs(high)):  # a uniform field: no colours for rounding errors
-        marks.set_clim(low - 0.01 * abs(low), high + 0.01 * abs(high))
+        axes.set_aspect("equal")
+    marks.set_clim(*common.values)
+    quantity, units = QUANTITIES[field], summary["units"]
+    unit = quantity.unit.format(**units)
     bar = figure.colorbar(marks, ax=axes, shrink=0.8, pad=0.14 if dim == 3 else 0.05)
-    bar.set_label(name + (f" [{unit}]" if unit else ""), parse_math=False)
-    axes.set_xlabel(f"x [{summary['units']['length']}]")
-    axes.set_ylabel(f"y [{summary['units']['length']}]" if dim > 1 else "")
-    time = summary["steps"][-1]["time"]
+    bar.set_label(quantity.label + (f" [{unit}]" if unit else ""), parse_math=False)
+    axes.set_xlabel(f"x [{units['length']}]")
+    axes.set_ylabel(f"y [{units['length']}]" if dim > 1 else "")
     enlarged = "" if factor == 1.0 else f", displacements x {factor:.3g}"
-    title = f"{summary['title'] or summary['case']}\nt = {time:g}{enlarged}"
+    title = f"{summary['title'] or summary['case']}\nt = {time:.4g}{enlarged}"
     axes.set_title(title, fontsize="medium", parse_math=False)
-    figure.savefig(directory / "result.png", dpi=150)
 
 
 def plot_curve(directory: Path, title: str, rows: list[dict], x: str, y: str) -> None:
@@ -131,36 +239,35 @@ def _squares(axes, x: np.ndarray, shape: np.ndarray, sides: np.ndarray, values: 
         array=values, edgecolors="face", linewidths=0.5, snap=False,  # no white lines where pixels fall between cells
     )  # fmt: skip
     axes.add_collection(squares)
-    axes.autoscale_view()
     return squares
 
 
-def _cubes(axes, position, x, shape, spacing, sides, values):
+def _cubes(axes, frame: Frame, x, shape, sides, common: Range):
     """The free faces of the particles' deformed cells."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    whole = np.abs(sides).max(axis=(1, 2)) > (1 - ALIKE) / 2 * spacing  # smaller ones hide nothing behind them
+    whole = np.abs(sides).max(axis=(1, 2)) > (1 - ALIKE) / 2 * frame.spacing  # smaller ones hide nothing behind them
     faces, colours, brightness = [], [], []
     for axis in range(3):
         for side in (0, 1):
             corners = np.insert(square, axis, side, axis=1)
             free = ~whole
-            free[whole] = free_faces(position[whole], spacing[whole], (2 * side - 1) * np.eye(3)[axis])
+            direction = (2 * side - 1) * np.eye(3)[axis]
+            free[whole] = free_faces(frame.position[whole], frame.spacing[whole], direction)
             cells = sides[free][:, [0, 1, 2], corners]
             faces.append(x[free, None] + cells @ shape[free].transpose(0, 2, 1))
-            colours.append(values[free])
+            colours.append(frame.values[free])
             brightness.append(np.full(free.sum(), {0: 0.9, 1: 0.85, 2: 1.0}[axis]))
     quads, colours = np.concatenate(faces), np.concatenate(colours)
-    mapped = ScalarMappable(Normalize(values.min(), values.max()))
+    mapped = ScalarMappable(Normalize(*common.values))
     shaded = mapped.to_rgba(colours)
     shaded[:, :3] *= np.concatenate(brightness)[:, None]
     axes.add_collection3d(Poly3DCollection(quads, facecolors=shaded, edgecolors=shaded, linewidths=0.1))
-    low, high = quads.min(axis=(0, 1)), quads.max(axis=(0, 1))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low)
+    axes.set(**{f"{axis}lim": ends for axis, ends in zip("xyz", zip(common.low, common.high), strict=True)})
+    axes.set_box_aspect(common.high - common.low)
     axes.locator_params(nbins=4)
     mapped.set_array(colours)
     return mapped

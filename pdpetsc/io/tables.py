@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from pdpetsc.quantities import AXES
+from pdpetsc.errors import InputError
+from pdpetsc.quantities import AXES, QUANTITIES
 
 MARK = "# pdpetsc "
 """First words of the case as run: what tells a result directory of ours from others."""
@@ -23,6 +24,7 @@ def write_case(directory: Path, document: dict, command: str) -> None:
 FILES = {
     "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png", "curve.png",
     "checkpoint.h5", "checkpoint.h5.new", "broken_bonds.csv", "broken_bonds.new",
+    *(f"{field}.{kind}" for field in QUANTITIES for kind in ("png", "gif")),
 }  # fmt: skip
 """All that a run leaves in its result directory."""
 
@@ -74,3 +76,15 @@ def write_summary(path: Path, summary: dict) -> None:
     new = path.with_suffix(".new")
     new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     os.replace(new, path)
+
+
+def read_summary(directory: Path) -> dict:
+    """The summary.json of a result.
+
+    Raises:
+        InputError: there is none.
+    """
+    try:
+        return json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{directory}: holds no result of a run that has ended ({error})") from None

@@ -18,7 +18,8 @@ exactly where forces are linear in u, with the kinetic energy v^(n-1/2).m v^(n+1
 that leapfrogging keeps (dt = 0 in it for other schemes, which keep it up to their error).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,6 +89,20 @@ def reason_of(ts: PETSc.TS) -> str:
     """PETSc's name of why a TS ended."""
     reason = ts.getConvergedReason()
     return next((name for name, value in vars(PETSc.TS.ConvergedReason).items() if value == reason), str(reason))
+
+
+@contextmanager
+def time_stepper(assembler: Assembler, kind: str, state: State) -> Iterator[PETSc.TS]:
+    """A TS that goes on from a state, destroyed afterwards."""
+    ts = PETSc.TS().create(assembler.particles.comm)
+    try:
+        ts.setType(kind)
+        ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
+        ts.setTime(state.time)
+        ts.setStepNumber(state.step)
+        yield ts
+    finally:
+        ts.destroy()
 
 
 class Motion:
@@ -205,22 +220,15 @@ class Verlet:
         self.failure: Exception | None = None
         x = a.vector()
         x.getArray()[...] = motion.state.u.ravel()
-        ts = PETSc.TS().create(a.particles.comm)
-        try:
-            ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
-            ts.setType(PETSc.TS.Type.PYTHON)
+        with time_stepper(a, PETSc.TS.Type.PYTHON, state) as ts:
             ts.setPythonContext(self)
             ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-            ts.setTime(state.time)
             ts.setTimeStep(steps.size)
-            ts.setStepNumber(state.step)
             ts.setMaxSteps(steps.count)
             ts.setMaxTime(2 * steps.end)
             from_options(ts)
             ts.solve(x)
             reason = reason_of(ts)
-        finally:
-            ts.destroy()
         if self.failure:
             raise self.failure
         motion.close(reason)

@@ -4,7 +4,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from pdpetsc.errors import InputError
-from pdpetsc.solvers.dynamics import Motion, from_options, reason_of
+from pdpetsc.solvers.dynamics import Motion, from_options, reason_of, time_stepper
 from pdpetsc.state import State
 
 
@@ -37,29 +37,23 @@ class GeneralisedAlpha:
         u, v = a.vector(), a.vector()
         u.getArray()[...], v.getArray()[...] = motion.state.u.ravel(), motion.state.v.ravel()
         self.failure: Exception | None = None
-        ts = PETSc.TS().create(a.particles.comm)
         try:
-            ts.setType(PETSc.TS.Type.ALPHA2)
-            ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
-            ts.setI2Function(self._function, a.vector())
-            ts.setI2Jacobian(self._jacobian, self._tangent.operator, self._tangent.preconditioner)
-            ts.setSolution2(u, v)
-            ts.setTime(state.time)
-            ts.setStepNumber(state.step)
-            ts.setTimeStep(steps.size if not state.step_size else state.step_size)
-            ts.setMaxSteps(10**9)
-            ts.setMaxTime(steps.end)
-            ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
-            ts.setPostStep(self._committed)
-            ts.setErrorIfStepFails(False)
-            from_options(ts)
-            ts.solve(u)
-            reason = reason_of(ts)
+            with time_stepper(a, PETSc.TS.Type.ALPHA2, state) as ts:
+                ts.setI2Function(self._function, a.vector())
+                ts.setI2Jacobian(self._jacobian, self._tangent.operator, self._tangent.preconditioner)
+                ts.setSolution2(u, v)
+                ts.setTimeStep(steps.size if not state.step_size else state.step_size)
+                ts.setMaxSteps(10**9)
+                ts.setMaxTime(steps.end)
+                ts.setExactFinalTime(PETSc.TS.ExactFinalTime.MATCHSTEP)
+                ts.setPostStep(self._committed)
+                ts.setErrorIfStepFails(False)
+                from_options(ts)
+                ts.solve(u)
+                reason = reason_of(ts)
         except PETSc.Error:
             if self.failure is None:
                 raise
-        finally:
-            ts.destroy()
         if self.failure:
             raise self.failure
         motion.close(f"{reason}; a smaller time_step in [solver] may help")

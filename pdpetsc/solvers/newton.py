@@ -24,14 +24,6 @@ DEFAULTS = {
 }  # fmt: skip
 """SNES options where the user gives none."""
 
-ROUNDING_MARGIN = 10.0
-"""A residual that no longer falls counts as converged below this many times its estimated rounding error."""
-
-WORST_FLOOR = 1e-6
-"""A residual above this fraction of loads and reactions is no equilibrium, however large the displacements that raise
-its rounding error (those of a body that floats away). Where there are none, as in a rigid motion, the fraction is that
-of the forces of a strain of as much again."""
-
 LARGEST_FORCING = 1e-2
 """Reduction of the linear residual that is always asked for. Krylov methods solve a Newton step no better than it is
 worth: to 0.9 (|r_k|/|r_k-1|)^2 (Eisenstat and Walker 1996, choice 2), but no further than the step's end."""
@@ -145,7 +137,9 @@ class Newton:
             if not record.residual_norms:  # a convergence test of the user's choice, or none
                 record.residual_norms.append(self.snes.getFunctionNorm())
             solution = self._x.getArray(readonly=True).reshape(u.shape)
-            if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._at_rounding_floor(solution):
+            if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH and self._assembler.at_rounding_floor(
+                record.residual_norms[-1], solution
+            ):
                 record.rounding_floor, reason = True, 1
         if reason <= 0:
             raise self.failure(reason)
@@ -269,18 +263,12 @@ class Newton:
             return reasons.CONVERGED_FNORM_RELATIVE
         if short:
             return reasons.CONVERGED_SNORM_RELATIVE
-        if len(history) > 1 and norm > 0.5 * history[-2] and self._at_rounding_floor(u):
+        if len(history) > 1 and norm > 0.5 * history[-2] and self._assembler.at_rounding_floor(norm, u):
             self.record.rounding_floor = True
             return reasons.CONVERGED_FNORM_RELATIVE
         if self._quick and len(history) >= QUICK_ITERATIONS:
             return reasons.DIVERGED_MAX_IT
         return reasons.ITERATING
-
-    def _at_rounding_floor(self, u: np.ndarray) -> bool:
-        norm, a = self.record.residual_norms[-1], self._assembler
-        if norm > WORST_FLOOR * max(a.residual_scale(), WORST_FLOOR * a.unit_force):
-            return False
-        return norm <= ROUNDING_MARGIN * self._assembler.rounding_floor(u)
 
     def failure(self, reason: int) -> StepFailed:
         """What to raise for SNES's reason; the preconditioner is made anew at the next step."""

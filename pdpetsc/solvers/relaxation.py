@@ -14,6 +14,9 @@ itself: over one step K v = -(F^n - F^(n-1)), so that
     omega^2 = -v.(F^n - F^(n-1))/(v.Lambda v),    v = v^(n-1/2)
 
 The seeds take the quotient of u with a local stiffness -(F_i^n - F_i^(n-1))/(lambda_i v_i), one of small numbers.
+
+What is left of the way at a residual r is K^-1 r, at most |r|_(1/Lambda)/omega_min^2 in the norm of Lambda: a slender
+body is still on its way where its residual has all but gone.
 """
 
 import time as clock
@@ -30,13 +33,19 @@ from pdpetsc.solvers.record import SolveRecord, StepFailed
 PREFIX = "pd_adr_"
 """Of the options; PETSc's own follow it, as in -pd_adr_ts_max_steps."""
 
-DEFAULTS = {"rtol": 1e-9, "safety": 1.0, "ts_max_steps": 200_000}
+DEFAULTS = {"rtol": 1e-9, "utol": 1e-7, "safety": 1.0, "ts_max_steps": 200_000}
 
 REACH = 0.02
 """Of a spacing, by which prescribed displacements move in a step at most, so that no family is inverted."""
 
 UNSTABLE = 3.8
 """omega^2 of a motion at which it begins anew with other masses; 4 is the limit of stability."""
+
+FORGOTTEN = 1.01
+"""Factor by which the least omega^2 of late, that of the slowest motion, is forgotten in a step."""
+
+FLOOR = 100
+"""Steps between looks at whether a residual is rounding alone."""
 
 STAGNANT = 20_000
 """Steps in which the least residual must fall by a tenth."""
@@ -45,8 +54,9 @@ STAGNANT = 20_000
 class Relaxation:
     """Finds equilibria by damped motion.
 
-    A step is solved where |r| <= rtol sqrt(|f_ext|^2 + |reactions|^2), as by Newton's method. Options, with the prefix
-    `pd_adr_`: `rtol`, `safety` (s above), `ts_max_steps` and all others of a TS.
+    A step is solved where |r| <= rtol sqrt(|f_ext|^2 + |reactions|^2), as by Newton's method, and what is left of the
+    way is at most utol |u|, or r is rounding alone. Options, with the prefix `pd_adr_`: `rtol`, `utol`, `safety` (s
+    above), `ts_max_steps` and all others of a TS.
 
     Args:
         assembler: of the body.
@@ -61,9 +71,10 @@ class Relaxation:
         self._x = assembler.vector()
         options = PETSc.Options(PREFIX)
         try:
-            self.rtol, self.safety = (options.getReal(name, DEFAULTS[name]) for name in ("rtol", "safety"))
+            numbers = (options.getReal(name, DEFAULTS[name]) for name in ("rtol", "utol", "safety"))
+            self.rtol, self.utol, self.safety = numbers
         except PETSc.Error:
-            raise InputError(f"-{PREFIX}rtol, -{PREFIX}safety: must be numbers") from None
+            raise InputError(f"-{PREFIX}rtol, -{PREFIX}utol, -{PREFIX}safety: must be numbers") from None
         self.ts = ts = PETSc.TS().create(assembler.particles.comm)
         ts.setOptionsPrefix(PREFIX)
         ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
@@ -138,7 +149,7 @@ class _Motion:
         a = self._of._assembler
         a.linearise(u)
         self._mass = np.maximum(self._of.safety * a.row_sums() / 4, np.finfo(float).tiny)
-        self._velocity, self._force = np.zeros_like(u), None
+        self._velocity, self._force, self._slowest = np.zeros_like(u), None, np.inf
 
     def end(self) -> None:
         self._of._assembler.prescribed = self._target
@@ -153,10 +164,17 @@ class _Motion:
         force[a.constrained] = 0.0
         v, m = self._velocity, self._mass
         change = 0.0 if self._force is None else float((v * (force - self._force)).sum())
-        sums = np.array([float((force**2).sum()), a._square_scale, -change, float((v * m * v).sum())])
-        square, scale, stiff, moving = a.mpi.allreduce(sums)
+        products = ((force, force), (v * m, v), (force / m, force), (u * m, u))
+        sums = [a._square_scale, -change, *(float(np.vdot(*pair)) for pair in products)]
+        scale, stiff, square, moving, pulled, moved = a.mpi.allreduce(np.array(sums))
         norm, scale = square**0.5, scale**0.5
-        self._judge(ts, n, norm, scale, share)
+        if moving > 0 and stiff > 0:
+            self._slowest = min(FORGOTTEN * self._slowest, stiff / moving)
+        left = pulled**0.5 / self._slowest if np.isfinite(self._slowest) else np.inf
+        near = norm == 0.0 or norm <= self._of.rtol * scale and left <= self._of.utol * moved**0.5
+        rounding = not near and n % FLOOR == FLOOR - 1 and a.at_rounding_floor(norm, u)
+        self._record.rounding_floor = bool(rounding)
+        self._judge(ts, n, norm, scale, share == 1.0 and (near or rounding))
         if ts.getConvergedReason() != PETSc.TS.ConvergedReason.CONVERGED_ITERATING:
             with x as array:
                 array[...] = u.ravel()
@@ -175,7 +193,7 @@ class _Motion:
             array[...] = (u + self._velocity).ravel()
         ts.setTime(ts.getTime() + 1.0)
 
-    def _judge(self, ts, n: int, norm: float, scale: float, share: float) -> None:
+    def _judge(self, ts, n: int, norm: float, scale: float, rest: bool) -> None:
         """End the motion where it is at rest, has blown up or goes on for ever."""
         history, reasons = self._record.residual_norms, PETSc.TS.ConvergedReason
         if n == 0:
@@ -183,7 +201,7 @@ class _Motion:
         history[-1], self._record.residual_scale = norm, scale
         if not np.isfinite(norm):
             self.failure = "relaxation: the residual is not finite, as when a deformation gradient is inverted"
-        elif share == 1.0 and (norm <= self._of.rtol * scale or norm == 0.0):
+        elif rest:
             ts.setConvergedReason(reasons.CONVERGED_USER)
             return
         if norm < 0.9 * self._least:

@@ -207,6 +207,68 @@ def test_rows_and_outputs(comm):
     assert [step for step in range(1, 201) if built.output.checkpoint(step)] == [100, 200]
 
 
+EQUAL_STEPS = {"verlet": {"mode": "verlet"}, "generalised_alpha": {"mode": "generalised_alpha", "adaptive": False}}
+
+
+@pytest.fixture
+def options():
+    """Set PETSc options for one test."""
+    given = []
+
+    def put(**values):
+        for name, value in values.items():
+            PETSc.Options()[name] = value
+            given.append(name)
+
+    yield put
+    for name in given:
+        PETSc.Options().delValue(name)
+
+
+@pytest.mark.parametrize("mode", EQUAL_STEPS)
+def test_a_ts_that_ends_early(options, mode):
+    """What it has reached is committed, and the sentence says why it went no further."""
+    options(ts_max_steps=30)
+    described = document(**EQUAL_STEPS[mode])
+    described["output"] = {"every": 100, "history": 100}
+    built = simulation(described)
+    with pytest.raises(ConvergenceError, match=r"has ended at t = 12, short of end_time: CONVERGED_ITS"):
+        built.solve()
+    assert [row["step"] for row in built.rows] == [20, 30] and built.state.time == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize("mode", EQUAL_STEPS)
+def test_what_a_ts_is_cannot_be_chosen(options, mode):
+    options(ts_type="euler")
+    with pytest.raises(InputError, match="-ts_type: cannot be chosen here"):
+        simulation(document(mode=mode)).solve()
+
+
+@pytest.mark.parametrize("mode", EQUAL_STEPS)
+def test_a_load_that_loses_its_value(mode):
+    """In the middle of the way, on the ranks that have it: all of them end, with what was committed before."""
+    load = {"kind": "body_force", "set": "right", "component": "x", "value": "1e-9 * sqrt((t - 20) * (t - 30))"}
+    built = simulation(document(load=[load], **EQUAL_STEPS[mode]) | {"output": {"history": 10}})
+    with pytest.raises(InputError, match=r"load\.0.*value"):
+        built.solve()
+    assert 0 < built.state.time <= 20.0
+
+
+def test_a_motion_that_fails_keeps_the_bonds_of_its_last_row(comm):
+    """Bonds that have broken since are whole again."""
+    damage = {"criterion": "critical_stretch", "critical": 0.11}
+    pull = [{"kind": "velocity", "set": "right", "component": "x", "value": "where(t > 31, 1e300, 0.04)"},
+            {"kind": "displacement", "set": "left", "component": "x", "value": 0.0}]  # fmt: skip
+    described = document(load=pull, damage=damage)
+    described["output"] = {"every": 100, "history": 20, "checkpoint": 100}
+    built = simulation(described)
+    with pytest.raises(ConvergenceError, match="the motion has blown up in step 7"):
+        built.solve()
+    assert built.rows[-1]["step"] == 60
+    assert built.fracture.count == built.rows[-1]["broken_bonds"]
+    assert len(gathered_bonds(comm, built.fracture.broken())) == built.fracture.count
+
+
 @pytest.mark.parametrize(("change", "message"), [
     ({"material": {"steel": {"model": "abd", "E": 1.0, "nu": 0.2}}}, "mode: \"verlet\" needs material.steel.density"),
     ({"solver": {"mode": "newton"}}, "initial: goes with mode = \"verlet\""),
@@ -215,6 +277,12 @@ def test_rows_and_outputs(comm):
     ({"initial": [{"component": "x"}]}, "needs exactly one of displacement, velocity"),
     ({"solver": {"mode": "newton"}, "initial": [],
       "load": [{"kind": "velocity", "set": "left", "component": "x", "value": 1.0}]}, "knows no velocity"),
+    ({"solver": {"mode": "newton"}, "initial": [], "output": {"history": 3}}, "output.history: is of motion"),
+    ({"solver": {"mode": "generalised_alpha"}, "material": {"steel": MATERIALS["ordinary"] | {
+        "density": 1.0, "dual": False}}}, "needs a tangent, which material.steel.dual = false does not have"),
+    ({"damage": {"steel": {"criterion": "critical_stretch", "critical": 0.1, "softening": {
+        "s_min": 0.05, "beta": 1.2}}}},
+     "does not go with damage.steel.softening"),
 ])  # fmt: skip
 def test_what_does_not_go_together(change, message):
     with pytest.raises(InputError, match=message):

@@ -58,6 +58,36 @@ def test_the_same_as_newton(comm, material, dim):
     assert all(row["relative_residual"] <= 1e-9 for row in relaxed.rows)
 
 
+@pytest.mark.parametrize("utol", (1e-3, 1e-5, 1e-7))
+def test_what_is_left_of_the_way(comm, utol):
+    """Of a slender body, is what it is estimated to be: by it alone (a wide rtol) the motion ends where it should."""
+    described = document("correspondence")
+    described["body"] = {"size": [40.0, 3.0], "spacing": 1.0, "horizon": 2.015}
+    described["load"] = [
+        described["load"][0],
+        {"kind": "body_force", "set": "all", "component": "y", "value": "1e-7 * t"},
+    ]
+    expected = final(comm, simulation(described))
+    options = PETSc.Options()
+    options["pd_adr_rtol"], options["pd_adr_utol"] = 1.0, utol
+    try:
+        built = simulation(described | {"solver": {"steps": 1, "mode": "relaxation"}})
+    finally:
+        options.delValue("pd_adr_rtol")
+        options.delValue("pd_adr_utol")
+    error = np.abs(final(comm, built) - expected).max() / np.abs(expected).max()
+    assert 0.1 * utol < error < 1.5 * utol
+
+
+def test_a_rigid_motion(comm):
+    """Whose forces are rounding alone."""
+    described = document("correspondence", mode="relaxation", steps=1)
+    described["load"] = [{"kind": "displacement", "set": "left", "component": "all", "value": "0.5 * t"}]
+    built = simulation(described)
+    assert np.abs(final(comm, built) - 0.5).max() < 1e-6
+    assert built.rows[-1]["rounding_floor"]
+
+
 def test_failing_bonds(comm):
     """Between converged states of rest: the same bonds in the same steps as under Newton's method."""
     described = document("ordinary")

@@ -58,7 +58,11 @@ def driver(monkeypatch):
         calls.append((chosen.name, chosen.variant, chosen.overridden, ranks))
         return 0
 
-    stub = SimpleNamespace(run=run, restart=restart, check=check, calls=calls)
+    def plot(directory, field, animate):
+        calls.append((directory, field, animate))
+        return 0
+
+    stub = SimpleNamespace(run=run, restart=restart, check=check, plot=plot, calls=calls)
     monkeypatch.setattr(pdpetsc, "driver", stub, raising=False)
     monkeypatch.setitem(sys.modules, "pdpetsc.driver", stub)
     return stub
@@ -99,12 +103,18 @@ def test_restart(driver):
     assert driver.calls == [(Path("results/rod"), True)]
 
 
+def test_plot(driver):
+    assert cli.main(["plot", "results/rod"]) == 0
+    assert cli.main(["plot", "results/rod", "--field", "damage", "--animate"]) == 0
+    assert driver.calls == [(Path("results/rod"), None, False), (Path("results/rod"), "damage", True)]
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         (
             "rodd",
-            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, list, restart; bundled cases: clamped_",
+            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, list, restart, plot; bundled cases: ",
         ),
         ("rodd:fine", "unknown word 'rodd:fine' (did you mean 'rod'?)"),
         ("rnu rod", "unknown word 'rnu' (did you mean 'run'?)"),
@@ -119,6 +129,10 @@ def test_restart(driver):
         ("list --out x", "list takes neither --out nor --set"),
         ("restart", "restart needs the directory of an earlier result"),
         ("restart x --set a=1", "restart takes neither --out nor --set"),
+        ("plot", "plot needs the directory of an earlier result"),
+        ("plot x --out y", "plot takes neither --out nor --set"),
+        ("rod --animate", "--field and --animate go with plot"),
+        ("rod --field u", "--field and --animate go with plot"),
         ("check rod clamped_beam", "more than one case: rod, clamped_beam"),
         ("check rod:coarse", "rod.toml: there is no variant 'coarse'; choices: fine"),
         ("check rod --set body.spacing=-1", "rod.toml: body.spacing: must be greater than 0, not -1"),

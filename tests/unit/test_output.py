@@ -6,10 +6,13 @@ import json
 import h5py
 import numpy as np
 import pytest
+from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
+from PIL import Image
 
+from pdpetsc.errors import InputError
 from pdpetsc.io import tables
-from pdpetsc.io.plot import cell_sides, colour_values, free_faces, plot_curve, plot_result
+from pdpetsc.io.plot import animate_result, cell_sides, colour_values, free_faces, plot_curve, plot_result
 from pdpetsc.quantities import QUANTITIES, component, components
 from pdpetsc.recover import FIELDS
 
@@ -142,7 +145,7 @@ def test_the_pictures_show_each_spacing(tmp_path):
             group["u"], group["F"] = 0.01 * X, np.tile(np.eye(3).ravel(), (len(X), 1))
         units = {"length": "mm", "force": "N", "time": "s"}
         summary = {"dim": dim, "units": units, "title": "", "case": "a_case", "steps": [{"time": 1.0}]}
-        plot_result(tmp_path, summary, "u")
+        plot_result(tmp_path, summary, "u", "result")
         assert (tmp_path / "result.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
@@ -163,9 +166,58 @@ def test_pictures(tmp_path, dim, field):
         "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
         "steps": [{"time": 1.0}],
     }  # fmt: skip
-    plot_result(tmp_path, summary, field)
+    plot_result(tmp_path, summary, field, "result")
     picture = (tmp_path / "result.png").read_bytes()
     assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 5000
+
+
+def moving(directory, steps: int) -> dict:
+    """A field file of four particles whose last one moves on by 1 in each step, and its summary."""
+    X = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    rows = []
+    with h5py.File(directory / "fields.h5", "w") as file:
+        file["position"], file["spacing"], file["volume"] = X, np.ones(4), np.ones(4)
+        for step in (0, *range(99_900, 99_900 + 100 * steps, 100)):  # up to six digits
+            group = file.create_group(f"{step:05d}")
+            group["u"] = (X == 1) * (0.5 * len(rows))
+            rows.append({"step": step, "time": 0.01 * step})
+    units = {"length": "mm", "force": "N", "time": "s"}
+    return {"dim": 2, "units": units, "title": "", "case": "a_case", "steps": rows}
+
+
+def test_an_animation_has_all_steps_on_one_scale(tmp_path, monkeypatch):
+    titles, limits = [], []
+    monkeypatch.setattr(PillowWriter, "grab_frame", lambda self, **style: note(self.fig.axes[0]))
+
+    def note(axes):
+        titles.append(axes.get_title())
+        limits.append((axes.get_xlim(), axes.get_ylim(), axes.collections[0].get_clim()))
+
+    monkeypatch.setattr(PillowWriter, "finish", lambda self: None)
+    animate_result(tmp_path, moving(tmp_path, 3), "u", "u")
+    assert [title.partition("t = ")[2] for title in titles] == ["0", "999", "1000", "1001"]
+    assert len(set(limits)) == 1
+    (left, right), (bottom, top), colours = limits[0]
+    assert left < -0.5 and right > 3.0 and bottom < -0.5 and top > 3.0
+    assert colours == (0.0, pytest.approx(1.5 * 2**0.5))
+
+
+def test_the_file_of_an_animation(tmp_path):
+    (tmp_path / "case.toml").write_text(tables.MARK)
+    path = animate_result(tmp_path, moving(tmp_path, 2), "u", "u")
+    with Image.open(path) as image:
+        assert image.n_frames == 3 and path.name == "u.gif"
+    assert tables.is_result(tmp_path)
+
+
+def test_a_field_that_was_not_written(tmp_path):
+    with pytest.raises(InputError, match=r"--field damage: was not written; there is u, and output.fields asks for"):
+        plot_result(tmp_path, moving(tmp_path, 1), "damage", "damage")
+
+
+def test_a_summary_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="holds no result of a run that has ended"):
+        tables.read_summary(tmp_path)
 
 
 def test_a_curve_has_a_marker_for_each_step(tmp_path, monkeypatch):
