@@ -3,7 +3,8 @@
 import numpy as np
 from petsc4py import PETSc
 
-from pdpetsc.body.box import box, horizon_field
+from pdpetsc.body.box import box
+from pdpetsc.body.horizons import horizon_field
 from pdpetsc.body.sets import Sets
 from pdpetsc.body.surfaces import on_surface
 from pdpetsc.bonds import Families

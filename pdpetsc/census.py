@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pdpetsc.body.box import BLOCK, NOTHING_LEFT, Lattice, blocks_of, coordinates, horizon_field
+from pdpetsc.body.box import BLOCK, NOTHING_LEFT, Lattice, blocks_of, coordinates
+from pdpetsc.body.horizons import horizon_field
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.compact import REACH

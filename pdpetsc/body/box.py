@@ -2,9 +2,9 @@
 vertices, with a particle on each."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
@@ -36,6 +36,28 @@ def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarr
 def layer_rows(width: float, cell: float) -> int:
     """Rows of cells in a fictitious layer of this width [length], at least one."""
     return max(1, int(width / cell + 1e-6))
+
+
+class Parts(NamedTuple):
+    """Parts of cells, each for one particle.
+
+    Attributes:
+        middle, low, high: (n, dim) middles and corners.
+        outermost: (n, dim, 2) which of their sides are sides of the lattice.
+        cut: as the border of a fitted body cuts them.
+        kept: mask of those that have a particle.
+        position, volume, spacing: of the particles.
+    """
+
+    middle: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    outermost: np.ndarray
+    cut: Cut | None
+    kept: np.ndarray
+    position: np.ndarray
+    volume: np.ndarray
+    spacing: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -136,39 +158,46 @@ class Lattice:
             InputError: a horizon is not greater than 0.
         """
         division = division.astype(np.int64)
-        position, cell = _divide(index, division, self)
-        spacing = self.spacing / division[cell]
-        half = self.cell / division[cell, None] / 2
-        low, high, outermost = position - half, position + half, self._outermost(index[cell], position, half)
-        volume = np.prod(self.cell) * self.body.thickness / division[cell] ** self.dim
-        if self.body.particles == "vertices":
-            low, high = np.where(outermost[..., 0], position, low), np.where(outermost[..., 1], position, high)
-            volume = volume / 2.0 ** outermost.sum(axis=(1, 2))
-        middle, cut = position, None
-        if self.keep is None:
-            kept = slice(None)
-        elif self.body.fitted:
-            size = (FEW_SAMPLES if roughly else SAMPLES)[self.dim]
-            cut = cut_cells(lambda X, row: self.keep.mask(**coordinates(X, spacing[row])), low, high, outermost, size)
-            kept = cut.share > 0
-        else:
-            kept = self.keep.mask(**coordinates(position, spacing))
-        if cut:
-            position = np.where((cut.share < 1)[:, None], cut.middle, position)
-            volume = volume * cut.share
-        place, size = position[kept], spacing[kept]
+        middle, cell = _divide(index, division, self)
+        parts = self.parts(index[cell], middle, self.spacing / division[cell], roughly)
+        place, size = parts.position[parts.kept], parts.spacing[parts.kept]
         horizons = horizon(place, size)
         if np.any(horizons <= 0):
             raise InputError(
                 f"body.horizon: is {horizons.min():g} at ({_place(place[np.argmin(horizons)])}); "
                 "it must be greater than 0"
             )
-        points = Points(cell[kept], place, volume[kept], size, horizons)
+        points = Points(cell[parts.kept], place, parts.volume[parts.kept], size, horizons)
         if facets:
-            number = np.full(len(position), -1)
-            number[kept] = np.arange(len(place))
-            points.facets = self._facets(number, middle, low, high, outermost, cut)
+            points.facets = self.facets(parts)
         return points
+
+    def parts(self, index: np.ndarray, middle: np.ndarray, spacing: np.ndarray, roughly: bool = False) -> "Parts":
+        """Parts of cells, one for a particle each.
+
+        Args:
+            index: (n, dim) the cell that each belongs to.
+            middle: (n, dim) of the parts.
+            spacing: (n,) of their particles.
+            roughly: as of `points`.
+        """
+        divisions = np.rint(self.spacing / spacing)
+        half = self.cell / divisions[:, None] / 2
+        low, high, outermost = middle - half, middle + half, self._outermost(index, middle, half)
+        position, volume = middle, np.prod(self.cell) * self.body.thickness / divisions**self.dim
+        if self.body.particles == "vertices":
+            low, high = np.where(outermost[..., 0], position, low), np.where(outermost[..., 1], position, high)
+            volume = volume / 2.0 ** outermost.sum(axis=(1, 2))
+        cut, kept = None, np.ones(len(middle), bool)
+        if self.keep is not None and self.body.fitted:
+            size = (FEW_SAMPLES if roughly else SAMPLES)[self.dim]
+            cut = cut_cells(lambda X, row: self.keep.mask(**coordinates(X, spacing[row])), low, high, outermost, size)
+            kept = cut.share > 0
+            position = np.where((cut.share < 1)[:, None], cut.middle, position)
+            volume = volume * cut.share
+        elif self.keep is not None:
+            kept = self.keep.mask(**coordinates(position, spacing))
+        return Parts(middle, low, high, outermost, cut, kept, position, volume, spacing)
 
     def _outermost(self, index: np.ndarray, position: np.ndarray, half: np.ndarray) -> np.ndarray:
         """Which sides of the particles' cells are sides of the lattice, (n, dim, 2)."""
@@ -178,16 +207,18 @@ class Lattice:
         high = low + self.counts * self.cell
         return np.stack([position - 1.5 * half < low, position + 1.5 * half > high], axis=-1)
 
-    def _facets(self, number, middle, low, high, outermost, cut: Cut | None) -> Facets:
-        """The sides of kept cells on the sides of the lattice, and the pieces of surface in cut ones; the parent is -1
-        where too little of a cell is inside for a particle."""
+    def facets(self, parts: "Parts") -> Facets:
+        """The sides of kept parts on the sides of the lattice, and the pieces of surface in cut ones; the parent is
+        the number among the kept ones, -1 where too little of a part is inside for a particle."""
         dim, thickness = self.dim, self.body.thickness
+        low, high, cut = parts.low, parts.high, parts.cut
+        number = np.where(parts.kept, np.cumsum(parts.kept) - 1, -1)
         parents, codes, points, areas = [], [], [], []
         for face, (axis, side) in FACES.items():
             if axis >= dim:
                 continue
-            rows = np.flatnonzero(outermost[:, axis, side] & (cut.share == 1 if cut else number >= 0))
-            point = middle[rows]
+            rows = np.flatnonzero(parts.outermost[:, axis, side] & (cut.share == 1 if cut else parts.kept))
+            point = parts.middle[rows]
             point[:, axis] = (high if side else low)[rows, axis]
             area = np.zeros((len(rows), dim))
             area[:, axis] = (2 * side - 1) * np.delete((high - low)[rows], axis, axis=1).prod(axis=1)
@@ -267,29 +298,6 @@ def box(comm, body, keep, horizon, facets: bool = False) -> Points:
         points.facets.parent[points.facets.parent >= 0] += begin
         points.facets = adopted(comm, points)
     return points
-
-
-def horizon_field(body, materials: dict, sets: dict) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """The function of (position, spacing) that gives each particle's horizon [length]: the body's, or that of its
-    material where `[material.NAME]` has one.
-
-    Raises:
-        InputError: a material with a horizon of its own acts on a set that is not given by a condition.
-    """
-    own = {name: spec for name, spec in materials.items() if spec.horizon is not None}
-    for name, spec in own.items():
-        if spec.where != "all" and sets[spec.where].where is None:
-            raise InputError(f"material.{name}.horizon: needs a set that is given by a condition")
-
-    def horizon(position, spacing):
-        place = coordinates(position, spacing)
-        result = body.horizon(place)
-        for spec in own.values():
-            inside = True if spec.where == "all" else sets[spec.where].where.mask(**place)
-            result = np.where(inside, spec.horizon(place), result)
-        return result
-
-    return horizon
 
 
 def _divide(index: np.ndarray, division: np.ndarray, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
