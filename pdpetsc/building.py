@@ -1,9 +1,12 @@
 """From a case to its particles and materials."""
 
+from collections.abc import Callable
+
 import numpy as np
 from petsc4py import PETSc
 
-from pdpetsc.body.box import box
+from pdpetsc.adapt.refinement import Refinement
+from pdpetsc.body.box import Lattice, box
 from pdpetsc.body.horizons import horizon_field
 from pdpetsc.body.sets import Sets
 from pdpetsc.body.surfaces import on_surface
@@ -16,22 +19,36 @@ from pdpetsc.loads.building import loaded_surfaces
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.materials.one_way import one_way_bonds
 from pdpetsc.parallel import collective, warn
-from pdpetsc.particles import Particles, distribute
+from pdpetsc.particles import Facets, Particles, distribute
 
 
 def distributed_particles(comm: PETSc.Comm, case: Case) -> Particles:
     """The distributed particles, with those facets on which a traction acts."""
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
-    loaded = loaded_surfaces(case)
-    points = box(mpi, body, body.keep, horizon, bool(loaded))
+    loaded = _loaded(case)
+    points = box(mpi, body, body.keep, horizon, loaded is not None)
     if loaded:
         facets = points.facets
         with collective(mpi):
-            spacing = points.spacing[np.searchsorted(points.id, facets.parent)]
-            chosen = [on_surface(facets, spacing, name, case.surfaces) for name in sorted(loaded)]
-        points.facets = facets.chosen(np.any(chosen, axis=0))
+            points.facets = facets.chosen(loaded(facets, points.spacing[np.searchsorted(points.id, facets.parent)]))
     return distribute(comm, points, body.horizon_tolerance)
+
+
+def _loaded(case: Case) -> Callable[[Facets, np.ndarray], np.ndarray] | None:
+    """The function of facets and the spacings of their particles that tells on which something acts; None: on none."""
+    names = loaded_surfaces(case)
+    if not names:
+        return None
+    return lambda facets, spacing: np.any([on_surface(facets, spacing, name, case.surfaces) for name in names], axis=0)
+
+
+def refinement_of(case: Case) -> Refinement | None:
+    """How the body of a case is refined; None: it is not."""
+    if case.refinement is None:
+        return None
+    lattice = Lattice.of(case.body, case.body.keep, horizon_field(case.body, case.material, case.sets))
+    return Refinement(case.refinement, lattice, _loaded(case), case.body.horizon_tolerance)
 
 
 def expected_blocks(case: Case) -> float:
@@ -43,13 +60,17 @@ def expected_blocks(case: Case) -> float:
         return float("inf")
 
 
-def materials_of(case: Case, p: Particles, families: Families, interior: int, sets: Sets) -> list[Material]:
+def materials_of(
+    case: Case, p: Particles, families: Families, interior: int, sets: Sets, quiet: bool = False
+) -> list[Material]:
     """The materials of the case on their particles; every particle has exactly one. The first `interior` families
-    contain no ghost."""
+    contain no ghost. `quiet`: nothing is warned of."""
     count = np.zeros(p.owned, int)
     materials = []
     for name, spec in case.material.items():
-        if unused := [key for key in case.document["material"][name] if key not in type(spec).model_fields]:
+        if not quiet and (
+            unused := [key for key in case.document["material"][name] if key not in type(spec).model_fields]
+        ):
             warn(p.comm.tompi4py(), f"material.{name}: the model {spec.model!r} does not use {', '.join(unused)}")
         members = sets[spec.where]
         count += members
@@ -70,7 +91,7 @@ def materials_of(case: Case, p: Particles, families: Families, interior: int, se
     mpi = p.comm.tompi4py()
     for name, material in zip(case.material, materials):
         unmatched, families = mpi.allreduce(np.array([material.unmatched, len(material.families)]))
-        if unmatched > families / 2:
+        if unmatched > families / 2 and not quiet:
             counts = f"weights of {unmatched} of {families} families could not be matched"
             remedy = "take a larger horizon or another influence function"
             warn(mpi, f"material.{name}: {counts}, so that its moduli are not right; {remedy}")

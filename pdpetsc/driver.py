@@ -12,7 +12,7 @@ from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import CHECKPOINT, read_damaged, read_description, read_state
+from pdpetsc.io.checkpoint import CHECKPOINT, read_description
 from pdpetsc.io.plot import animate_result, plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
@@ -53,11 +53,8 @@ def restart(directory: Path, quiet: bool = False) -> int:
     comm = PETSc.COMM_WORLD
     directory = directory.parent if directory.name == CHECKPOINT else directory
     with collective(comm.tompi4py()):
-        kept = read_description(directory)
-        rows = kept.pop("rows")
-        case = Case.from_document(**kept)
-    simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
-    simulation.go_on_from(read_state(directory, simulation.particles), rows, read_damaged(directory))
+        case = Case.from_document(**read_description(directory)["case"])
+    simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()), directory)
     if simulation.ended:
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _finish(simulation, directory, quiet)

@@ -312,8 +312,19 @@ class Fracture:
                         "has the mesh of a crack been changed?"
                     )
             values[place] = mine[:, 2]
-            if values is self.step:
-                self.intact[place] = False
+        self.take_over(self.step, self.largest, u)
+
+    def take_over(self, step: np.ndarray, largest: np.ndarray, u: np.ndarray) -> None:
+        """Go on with bonds that have failed and softened before (collective).
+
+        Args:
+            step: (bonds,) in which each has failed, 0 where it has not.
+            largest: (bonds,) largest stretch of each, in critical ones; not used where none soften.
+            u: displacements of the state.
+        """
+        self.step, self.intact = step.astype(np.int32), step == 0
+        if self._fading:
+            self.largest = largest
         self.set_live(True)
         self._tell()
         self._look_at_pieces(u)

@@ -31,6 +31,9 @@ class Observer:
     def failed(self, run, reached: float, tried: float, reason: str) -> None:
         """After a step was cut."""
 
+    def refined(self, run) -> None:
+        """After the body was refined at the last committed state; `run.refinements[-1]` says how."""
+
     def finish(self, run) -> None:
         """After the last step that was committed, whether the run converged or not."""
 
@@ -99,6 +102,12 @@ class ProgressTable(Observer):
     def failed(self, run, reached, tried, reason):
         self._progress.console.print(f"      step to t = {tried:g} cut in half: {reason}")
 
+    def refined(self, run):
+        if run.case.solver.in_time and clock.monotonic() < self._spoken + SILENCE:
+            return
+        self._spoken = clock.monotonic()
+        self._progress.console.print(f"      refined: {run.particles.count} particles")
+
     def finish(self, run):
         self._progress.stop()
 
@@ -145,7 +154,7 @@ class FieldOutput(Observer):
 
     def _write(self, run):
         with run.timings("output"):
-            self._writer.write(run.state.step, run.state.time, run.recovery)
+            self._writer.write(run.particles, run.state.step, run.state.time, run.recovery)
 
 
 class OfSteps(Observer):

@@ -1,6 +1,6 @@
 """Particles and their distribution: DMDA cells choose the owner, a DMSwarm carries the particles there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -10,6 +10,9 @@ from petsc4py import PETSc
 
 from pdpetsc.bonds import HORIZON_TOLERANCE
 from pdpetsc.exchange import Directory, Exchange, swap
+
+BASIC = ("id", "position", "volume", "spacing", "horizon")
+"""Columns of every particle."""
 
 
 @dataclass
@@ -58,6 +61,7 @@ class Points:
         spacing: (n,) local particle spacing [length].
         horizon: (n,) delta [length].
         facets: of the same rank's particles, where tractions are to act.
+        carried: further columns, (n,) whole numbers or (n,) and (n, m) floating-point ones, that go with the particles.
     """
 
     id: np.ndarray
@@ -66,6 +70,7 @@ class Points:
     spacing: np.ndarray
     horizon: np.ndarray
     facets: Facets | None = None
+    carried: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass
@@ -80,6 +85,7 @@ class Particles:
         mirrors: for each of `neighbours`, the owned particles that are its ghosts, in its order.
         ghost_ranges: for each of `neighbours`, the slice of local indices of the ghosts that it owns.
         facets: of owned particles, by parent, face, place; all particles within the parent's horizon of one are local.
+        carried: of owned particles, as in Points.
     """
 
     comm: PETSc.Comm
@@ -96,6 +102,7 @@ class Particles:
     ghost_ranges: list[slice]
     exchange: Exchange
     facets: Facets
+    carried: dict[str, np.ndarray]
 
     @property
     def dim(self) -> int:
@@ -209,25 +216,31 @@ def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
     dim = points.position.shape[1]
     vector, number, scalar = (dim, PETSc.ScalarType), (1, PETSc.IntType), (1, PETSc.ScalarType)
     fields = {"id": number, "position": vector, "volume": scalar, "spacing": scalar, "horizon": scalar}
-    arrived = _carry(comm, dim, points, fields, owner)
+    carried = {name: (values.shape[1:], values.dtype) for name, values in points.carried.items()}
+    for name, (shape, kind) in carried.items():
+        fields[name] = int(np.prod(shape)), PETSc.IntType if kind.kind == "i" else PETSc.ScalarType
+    columns = {name: getattr(points, name) for name in BASIC} | points.carried
+    arrived = _carry(comm, dim, columns, fields, owner)
     order = np.argsort(arrived["id"], kind="stable")
-    result = Points(**{name: values[order] for name, values in arrived.items()})
+    arrived = {name: values[order] for name, values in arrived.items()}
+    result = Points(**{name: arrived[name] for name in BASIC})
+    result.carried = {name: arrived[name].reshape(-1, *shape) for name, (shape, _) in carried.items()}
     result.facets = Facets.none(dim)
     facets = points.facets
     if facets is not None:
         order = np.argsort(points.id, kind="stable")
         parent = order[np.searchsorted(points.id[order], facets.parent)]
         fields = {"parent": number, "face": number, "position": vector, "area": vector}
-        arrived = _carry(comm, dim, facets, fields, owner[parent])
+        arrived = _carry(comm, dim, vars(facets), fields, owner[parent])
         order = np.lexsort((*arrived["position"].T, arrived["face"], arrived["parent"]))
         arrived["parent"] = np.searchsorted(result.id, arrived["parent"])
         result.facets = Facets(**{name: values[order] for name, values in arrived.items()})
     return result
 
 
-def _carry(comm, dim: int, things, fields: dict, owner: np.ndarray) -> dict[str, np.ndarray]:
-    """What arrives here when every rank sends these fields of its things to their owners. DMSwarm of type BASIC: it
-    reaches any rank and loses nothing."""
+def _carry(comm, dim: int, columns: dict, fields: dict, owner: np.ndarray) -> dict[str, np.ndarray]:
+    """What arrives here when every rank sends these columns to their owners. DMSwarm of type BASIC: it reaches any rank
+    and loses nothing."""
     swarm = PETSc.DMSwarm().create(comm)
     swarm.setDimension(dim)
     swarm.setType(PETSc.DMSwarm.Type.BASIC)
@@ -246,7 +259,7 @@ def _carry(comm, dim: int, things, fields: dict, owner: np.ndarray) -> dict[str,
         return values if size > 1 or name in ("position", "area") else values[:, 0]
 
     for name in fields:
-        put(name, getattr(things, name))
+        put(name, columns[name])
     put("DMSwarm_rank", owner)
     swarm.migrate(remove_sent_points=True)
     arrived = {name: get(name, size) for name, (size, _) in fields.items()}
@@ -305,5 +318,6 @@ def _with_ghosts(comm, points: Points, tolerance: float) -> Particles:
         ghost_ranges=[slice(int(a), int(b)) for a, b in pairwise(ends)],
         exchange=exchange,
         facets=facets,
-        **{name: local(getattr(points, name)) for name in ("id", "position", "volume", "spacing", "horizon")},
+        carried=points.carried,
+        **{name: local(getattr(points, name)) for name in BASIC},
     )

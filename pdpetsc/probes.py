@@ -122,7 +122,7 @@ class Probe:
         """How far a crack has come: the largest X.d of the particles whose damage is above the threshold; where there
         are none, the smallest X.d of all (collective)."""
         p = self._particles
-        along = p.position[: p.owned] @ np.array(self._spec.direction)
+        along = sum(p.position[: p.owned, k] * d for k, d in enumerate(self._spec.direction))
         inside = np.ones(p.owned, bool) if self._members is None else self._members
         torn = inside & (damage > (self._spec.threshold or THRESHOLD))
         first = -_maximum(p.comm.tompi4py(), -along[inside])

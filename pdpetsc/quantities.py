@@ -86,3 +86,16 @@ def principal(tensor: np.ndarray) -> np.ndarray:
     values = np.full(tensor.shape[:2], np.nan)
     values[finite] = np.linalg.eigvalsh((tensor + tensor.transpose(0, 2, 1))[finite] / 2)[:, ::-1]
     return values
+
+
+def scalar(field: str, values: np.ndarray) -> np.ndarray:
+    """One number for each particle: von Mises of a stress, the largest of principal values, else the magnitude; tensors
+    are (n, 3, 3) or (n, 9)."""
+    quantity = QUANTITIES[field]
+    if quantity.rank == 2:
+        values = values.reshape(-1, 3, 3) - (np.eye(3) if field == "F" else 0.0)
+    if "von_mises" in quantity.invariants:
+        return von_mises(values)
+    if quantity.components:
+        return values[:, 0]
+    return values if quantity.rank == 0 else component(values, "magnitude")

@@ -1,41 +1,44 @@
-"""A case built into particles, families, materials, loads and a solver, and carried through its load steps."""
+"""A case built into a discrete problem, carried through its load steps or through time, and refined on the way."""
 
 import time as clock
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
 
-from pdpetsc.assembly import Assembler
-from pdpetsc.body.cracks import Ends, cracks_of, cut_bonds
+from pdpetsc.adapt.inheritance import inherited
+from pdpetsc.adapt.measures import changes, measures
+from pdpetsc.adapt.refinement import before
+from pdpetsc.body.cracks import cracks_of
 from pdpetsc.body.sets import Sets
-from pdpetsc.bonds import check_not_lonely, find_families
-from pdpetsc.building import distributed_particles, expected_blocks, materials_of
+from pdpetsc.building import distributed_particles, expected_blocks, refinement_of
 from pdpetsc.case import Case
+from pdpetsc.discretisation import Discretisation, schedule_of
 from pdpetsc.errors import ConvergenceError, InputError
-from pdpetsc.fracture import Fracture
-from pdpetsc.grading import warn_thin_zones
-from pdpetsc.loads.building import loads_of, tractions_of
+from pdpetsc.io.checkpoint import gathered_bonds, read_damaged, read_description, read_particles, read_state
 from pdpetsc.observers import Observer
-from pdpetsc.parallel import collective, warn
-from pdpetsc.probes import Probe
+from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery
-from pdpetsc.rules import rules_of
 from pdpetsc.solvers.constraints import ArcLength, Constraint, Failure
-from pdpetsc.solvers.equilibrium import equilibrium_solver
+from pdpetsc.solvers.dynamics import TimeSteps
 from pdpetsc.solvers.passes import Passes, StepRecord
 from pdpetsc.solvers.path import follow
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
-from pdpetsc.support import check_resistance, check_support
 from pdpetsc.timings import Timings
-from pdpetsc.transient import Transient
 
 _KEEP_COMMUNICATOR = PETSc.Vec().create(PETSc.COMM_WORLD)
 """PETSc frees its copy of a communicator with the last object on it. Ranks collect garbage at different times, so in a
 second simulation of one process some would have to copy it again, collectively, and others not."""
+
+
+EVERY = 10
+"""Steps of a motion between looks at what is to be refined, where the case says nothing: a wave crosses a horizon in
+about as many."""
 
 
 class Outputs(NamedTuple):
@@ -51,6 +54,7 @@ class Simulation:
     Args:
         case, comm: what is run, and PETSc's communicator.
         blocks: of the assembled tangent, where they have been counted.
+        checkpoint: result directory of an earlier run that is continued.
 
     Attributes:
         case, comm: what is run, and PETSc's communicator.
@@ -61,85 +65,54 @@ class Simulation:
         probes: what is followed.
         rows: one dictionary for each committed step, as in summary.json, with its probes.
         timings: seconds by stage.
+        refinements: one dictionary for each, as in summary.json.
         observers: who is told.
     """
 
-    def __init__(self, case: Case, comm: PETSc.Comm, blocks: float | None = None):
+    def __init__(self, case: Case, comm: PETSc.Comm, blocks: float | None = None, checkpoint: Path | None = None):
         self.started = clock.perf_counter()
         self.case, self.comm = case, comm
+        self.rows: list[dict] = []
+        self.refinements: list[dict] = []
+        self.observers: list[Observer] = []
         try:
-            self._build(case, comm, expected_blocks(case) if blocks is None else blocks)
+            self._build(case, expected_blocks(case) if blocks is None else blocks, checkpoint)
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(case.path) else f"{case.path}: {message}") from None
+
+    def _build(self, case: Case, blocks: float, checkpoint: Path | None) -> None:
+        comm, self.timings, self._blocks = self.comm, Timings(), blocks
+        kept = read_description(checkpoint) if checkpoint else {}
+        with self.timings("setup"):
+            particles = distributed_particles(comm, case)
+            self._cracks = cracks_of(comm.tompi4py(), case.body.cracks, particles.dim, "body.cracks")
+            sets = Sets.of(particles, case.sets)
+            self._refinement = refinement_of(case)
+            self.refinements = kept.get("refinements", [])
+            if self.refinements:
+                particles, sets = read_particles(checkpoint, particles, sets, case.body.horizon_tolerance)
+        time_steps = [TimeSteps(**steps) for steps in kept.get("time_steps", [])]
+        self._discretise(particles, sets, blocks, time_steps, refined=False)
         in_time = case.solver.in_time
-        self.state = self.solver.initial if in_time else State(u=np.zeros((self.particles.owned, self.particles.dim)))
-        self.rows: list[dict] = []
-        self.observers: list[Observer] = []
+        self.state = self.solver.initial if in_time else State(u=np.zeros((particles.owned, particles.dim)))
+        if checkpoint:
+            self.go_on_from(read_state(checkpoint, particles), kept["rows"], read_damaged(checkpoint))
 
-    def _build(self, case: Case, comm: PETSc.Comm, blocks: float) -> None:
-        self.timings = Timings()
-        with self.timings("setup"):
-            self.particles = distributed_particles(comm, case)
-        p = self.particles
-        cracks = cracks_of(comm.tompi4py(), case.body.cracks, p.dim, "body.cracks")
-        with self.timings("families"), collective(comm.tompi4py()):
-            self.families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
-            reached = self.families.sums(p.volume[self.families.neighbours])
-            cuts = cut_bonds(self.families, Ends(p.position, p.horizon, p.id), cracks)
-            self.families = self.families.without(cuts.any(axis=0))
-            check_not_lonely(self.families, p.position, p.horizon)
-            self.families, interior = self.families.interior_first(p.owned)
-        self._reached = reached
-        self.cut_bonds = [comm.tompi4py().allreduce(int(cut.sum())) for cut in cuts]
-        for number, bonds in enumerate(self.cut_bonds):
-            if not bonds:
-                warn(comm, f"body.cracks.{number}: cuts no bond; does it lie in the body, in the same unit of length?")
-        warn_thin_zones(p, self.families)
-        with self.timings("setup"):
-            sets = Sets(
-                p,
-                {name: s.where for name, s in case.sets.items() if s.where},
-                {name: s.nearest for name, s in case.sets.items() if s.nearest},
-            )
-            self.materials = materials_of(case, p, self.families, interior, sets)
-            self.probes = [Probe(spec, p, None if spec.set is None else sets[spec.set]) for spec in case.probe]
-            loads, tractions = loads_of(case, p, sets), tractions_of(case, p, self.materials, cracks)
-            self.assembler = Assembler(p, self.materials, loads, self.timings, tractions)
-        for k, probe in enumerate(self.probes):
-            if not probe.reached:
-                raise InputError(
-                    f"probe.{k}: {probe.name!r} has a point more than a spacing away from every particle; "
-                    "does it lie outside the body or in a hole?"
-                )
-        if case.solver.in_time:
-            self._build_motion(sets, blocks)
-        else:
-            self._build_steps(sets, blocks)
+    def _discretise(self, p: Particles, sets: Sets, blocks: float, time_steps: list[TimeSteps], refined: bool) -> None:
+        """Build everything on particles."""
+        d = Discretisation(self.case, self.comm, p, sets, self._cracks, self.timings, blocks, time_steps, refined)
+        self._problem = d
+        self.particles, self.families, self.materials, self.assembler = p, d.families, d.materials, d.assembler
+        self.fracture, self.solver, self.probes, self.cut_bonds = d.fracture, d.solver, d.probes, d.cut_bonds
+        if not self.case.solver.in_time:
+            overshoot = self.case.solver.overshoot
+            self.passes = Passes(self.solver, self.assembler, self.fracture, overshoot, self._passed)
 
-    def _build_motion(self, sets: Sets, blocks: float) -> None:
-        """What goes through time."""
-        self.fracture = self._fracture(sets) if self.case.damage else None
-        self.solver = Transient(self.case, self.assembler, sets, self.fracture, blocks)
-        self.schedule = self.solver.steps
-        for time in (0.0, self.schedule.end):  # a load without a value shows here
-            self.assembler.set_time(time)
-
-    def _build_steps(self, sets: Sets, blocks: float) -> None:
-        """What goes through load steps."""
-        case, p, solver = self.case, self.particles, self.case.solver
-        nominal = solver.end_time / solver.steps
-        self.schedule = Schedule(
-            solver.end_time, solver.steps, solver.adaptive, solver.min_step or nominal / 1024,
-            solver.max_step or nominal, solver.max_steps,
-        )  # fmt: skip
-        check_support(p, self.families, self.assembler.constrained)
-        check_resistance(p, self.materials, self.assembler.constrained)
-        for time in (self.schedule.target(0.0, nominal), solver.end_time):  # a load without a value shows here
-            self.assembler.set_time(time)
-        self.fracture = self._fracture(sets) if case.damage else None
-        self.solver = equilibrium_solver(solver, self.assembler, blocks, bool(case.damage))
-        self.passes = Passes(self.solver, self.assembler, self.fracture, solver.overshoot, self._passed)
+    @property
+    def schedule(self) -> Schedule | TimeSteps:
+        """The load steps, or the time steps to the end."""
+        return self.solver.steps if self.case.solver.in_time else schedule_of(self.case.solver)
 
     def _constraint(self, state: State, arc_length: float) -> Constraint:
         """What bounds a step along a path."""
@@ -147,15 +120,7 @@ class Simulation:
             return Failure(self.assembler, self.fracture)
         return ArcLength(self.assembler, state, arc_length)
 
-    def _fracture(self, sets: Sets) -> Fracture:
-        p, members = self.particles, np.zeros(self.particles.owned, int)
-        for number, material in enumerate(self.materials):
-            members[material.families.center] = number
-        rules = rules_of(self.case, p, self.families, self.materials, sets)
-        solver = self.case.solver
-        return Fracture(self.assembler, self.families, rules, solver.bonds_per_pass, members, solver.in_time)
-
-    @cached_property
+    @property
     def output(self) -> Outputs:
         """When fields and checkpoints are written."""
         if self.case.solver.in_time:
@@ -166,7 +131,7 @@ class Simulation:
     @cached_property
     def recovery(self) -> Recovery:
         """Fields of the committed state."""
-        return Recovery(self.assembler, self.state.u, self._reached, self.state.v)
+        return Recovery(self.assembler, self.state.u, self._problem.reached, self.state.v)
 
     @property
     def damaged(self) -> dict[str, np.ndarray]:
@@ -178,7 +143,7 @@ class Simulation:
     def time_of(self, step: int) -> float:
         """The time of a step; of one between committed ones, that of the next one where steps are not equal."""
         if self.case.solver.mode == "verlet":
-            return self.schedule.time(step)
+            return self.solver.time_of(step)
         return next(row["time"] for row in self.rows if row["step"] >= step)
 
     @property
@@ -203,7 +168,8 @@ class Simulation:
         """What a checkpoint keeps beside the state."""
         c = self.case
         origin = {"name": c.name, "variant": c.variant, "path": c.path, "overridden": c.overridden}
-        return {"document": c.document, **origin, "rows": self.rows}
+        kept = {"case": {"document": c.document} | origin, "rows": self.rows, "refinements": self.refinements}
+        return kept | ({"time_steps": [asdict(s) for s in self.solver.time_steps]} if c.solver.in_time else {})
 
     def solve(self) -> str:
         """Run to the end of the schedule, "converged", or until the body has come apart, "separated".
@@ -218,13 +184,8 @@ class Simulation:
         try:
             if self.separated:  # in an earlier run
                 status = "separated"
-            elif self.case.solver.in_time:
-                self.solver.run(self.state, self._commit_motion)
-                status = "converged"
-            elif self.case.solver.control == "load":
-                status = march(self.passes, self.state, self.schedule, self._commit, self._failed)
             else:
-                status = follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
+                status = self._solve()
         except (ConvergenceError, InputError) as error:  # met by all ranks alike, so they can finish together
             failure = error
             if self.fracture and self.case.solver.in_time:  # what has broken since the last committed step
@@ -239,7 +200,74 @@ class Simulation:
             raise failure
         return status
 
-    def _commit(self, state: State, record: StepRecord) -> None:
+    def _solve(self) -> str:
+        """March to the end, and refine the body on the way."""
+        solver, again = self.case.solver, False
+        if self.rows and self._refine():  # a checkpoint is written before the body is refined
+            again = True
+        while True:
+            if solver.in_time:
+                paused = self.solver.run(self.state, self._commit_motion, self._pauses)
+                status = "paused" if paused else "converged"
+            elif solver.control == "load":
+                status = march(self.passes, self.state, self.schedule, self._commit, self._failed, again)
+            else:
+                return follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
+            if status != "paused":
+                return status
+            again = self._refine()
+
+    def _pauses(self, state: State) -> bool:
+        """Whether the body is to be refined at the state (collective)."""
+        return self._marked(state) is not None
+
+    def _marked(self, state: State) -> np.ndarray | None:
+        """Mask of the particles that are to be split at the state, None where there are none (collective)."""
+        every = self._refinement and (self.case.refinement.every or (EVERY if self.case.solver.in_time else 1))
+        if not every or state.step % every or self.separated:
+            return None
+        recovery = Recovery(self.assembler, state.u, self._problem.reached, state.v)
+        marked = self._refinement.marked(self.particles, self.families, recovery, state.time)
+        return marked if self.comm.tompi4py().allreduce(int(marked.sum())) else None
+
+    def _refine(self) -> bool:
+        """Refine the body at the committed state, where that is called for; whether it was (collective)."""
+        marked = self._marked(self.state)
+        if marked is None:
+            return False
+        mpi, in_time = self.comm.tompi4py(), self.case.solver.in_time
+        mass, time_steps = (self.solver.mass, self.solver.time_steps) if in_time else (None, [])
+        was = measures(self.particles, self.assembler, self.state, mass)
+        damaged = {name: gathered_bonds(mpi, bonds) for name, bonds in self.damaged.items()}
+        split = mpi.allreduce(int(marked.sum()))
+        intact = self.fracture.intact if self.fracture else None
+        p, sets, state = self._refinement.refined(
+            self.particles, self._problem.sets, self.families, intact, marked, self.state, mass
+        )
+        former = before(p)
+        growth = p.count / self.particles.count
+        self._discretise(p, sets, self._blocks * growth, time_steps, refined=True)
+        self._blocks *= growth
+        self.__dict__.pop("recovery", None)
+        self.state = state
+        self.assembler.set_time(state.time)
+        if self.fracture:
+            bonds = p, self.families, former
+            values = (inherited(*bonds, listed, self.case.body.horizon_tolerance) for listed in damaged.values())
+            self.fracture.take_over(*values, state.u)
+        if in_time:
+            self.solver.go_on_from(state)
+        now = measures(p, self.assembler, state, self.solver.mass if in_time else None)
+        state.mapped += now["energy"] - was["energy"]
+        row = {"step": state.step, "time": state.time, "split": split, "particles": p.count}
+        self.refinements.append(row | changes(was, now))
+        PETSc.garbage_cleanup(self.comm)
+        for observer in self.observers:
+            observer.refined(self)
+        return True
+
+    def _commit(self, state: State, record: StepRecord) -> bool:
+        """Take a state over; whether the body is to be refined at it."""
         self.__dict__.pop("recovery", None)
         self.state = state
         last, iterations = record.passes[-1], [newton.newton_iterations for newton in record.passes]
@@ -271,11 +299,13 @@ class Simulation:
                 "abandoned_iterations": record.abandoned,
                 "seconds": sum(newton.seconds for newton in record.passes),
                 **energies,
+                **self._count,
                 "probes": {probe.name: probe.read(self.recovery, state.time) for probe in self.probes},
             }
         )
         for observer in self.observers:
             observer.step(self)
+        return self._pauses(state)
 
     def _commit_motion(self, state: State) -> None:
         self.__dict__.pop("recovery", None)
@@ -283,9 +313,14 @@ class Simulation:
         if self.fracture:
             self.fracture.commit()
         probes = {probe.name: probe.read(self.recovery, state.time) for probe in self.probes}
-        self.rows.append(self.solver.row(state) | {"probes": probes})
+        self.rows.append(self.solver.row(state) | self._count | {"probes": probes})
         for observer in self.observers:
             observer.step(self)
+
+    @property
+    def _count(self) -> dict[str, int]:
+        """Of particles, where that changes."""
+        return {"particles": self.particles.count} if self._refinement else {}
 
     def _passed(self, record: StepRecord) -> None:
         for observer in self.observers:

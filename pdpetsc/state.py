@@ -17,6 +17,7 @@ class State:
         external_work: of loads and supports so far, where bonds may fail [energy].
         dissipated: what failed bonds have taken with them [energy].
         speed: where a path is followed, length of arc for a unit of step size [length/time]; 0 before its first step.
+        mapped: kinetic and stored energy that refinements have added [energy].
         v: (owned, dim) velocity, where there is motion in time [length/time].
         brought, kinetic: energy at the start of a motion, and kinetic energy now [energy].
         increment: (owned, dim) change of the displacement over the last step along a path, which says where it goes on.
@@ -29,6 +30,7 @@ class State:
     external_work: float = 0.0
     dissipated: float = 0.0
     speed: float = 0.0
+    mapped: float = 0.0
     brought: float = 0.0
     kinetic: float = 0.0
     v: np.ndarray | None = None

@@ -37,6 +37,7 @@ def summary_of(run, status: str) -> dict:
         "extremes": _extremes(run),
         "energies": _energies(run),
         **({"fracture": _fracture_measures(run)} if run.fracture and run.rows else {}),
+        **({"refinements": run.refinements} if case.refinement else {}),
         "balance": recovery.balance(),
         "timings": {s: mpi.allreduce(run.timings.seconds[s], MPI.MAX) for s in stages},
         "peak_memory_mb": mpi.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, MPI.MAX),
@@ -68,7 +69,8 @@ def _energies(run) -> dict:
     energies = {"stored": run.assembler.stored_energy(run.state.u)}
     if run.fracture:
         done, gone = run.state.external_work, run.state.dissipated
-        energies |= {"external_work": done, "dissipated": gone, "imbalance": done - gone - energies["stored"]}
+        left = done + run.state.mapped - gone - energies["stored"]
+        energies |= {"external_work": done, "dissipated": gone, "mapped": run.state.mapped, "imbalance": left}
     return energies
 
 

@@ -3,6 +3,7 @@
 import math
 import time as clock
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -41,9 +42,18 @@ class Transient:
         sets: of particles.
         fracture: the bonds; None: they do not fail.
         blocks: about how many the assembled tangent has.
+        earlier: the time steps so far, where the body has been refined or is that of a checkpoint.
+
+    Attributes:
+        mass: (owned,) of the particles.
+        initial: the state at the start.
+        time_steps: equal ones from the start on, between refinements.
     """
 
-    def __init__(self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None, blocks: float):
+    def __init__(
+        self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None, blocks: float,
+        earlier: list[TimeSteps],
+    ):  # fmt: skip
         self._case, self._assembler, self._fracture = case, assembler, fracture
         p = assembler.particles
         self.mass = np.zeros(p.owned)
@@ -56,12 +66,34 @@ class Transient:
             if case.output.times and case.solver.adaptive:
                 raise InputError("output.times: goes with equal steps; take solver.adaptive = false")
         self.initial = self._initial_state(sets)
-        self.steps = self._time_steps()
-        count, output = self.steps.count, case.output
+        self.time_steps = earlier or [self._steps(self.initial)]
+        count, output = self.time_steps[0].count, case.output
         self.every = output.every or max(1, count // FIELDS)
         self.checkpoint = output.checkpoint or max(1, count // CHECKPOINTS)
         self.history = output.history or max(1, count // ROWS)
-        self.at = {min(count, max(1, round(time / self.steps.size))) for time in output.times}
+
+    @property
+    def steps(self) -> TimeSteps:
+        """Those to the end."""
+        return self.time_steps[-1]
+
+    @cached_property
+    def at(self) -> set[int]:
+        """Steps nearest to given times."""
+        steps = self.steps
+        numbers = {
+            max(1, round((time - steps.start) / steps.size)) for time in self._case.output.times if time > steps.start
+        }
+        return {steps.first + min(steps.count, number) for number in numbers}
+
+    def go_on_from(self, state: State) -> None:
+        """Choose the time steps from a state on (collective)."""
+        self.time_steps = [*self.time_steps, self._steps(state)]
+        self.__dict__.pop("at", None)
+
+    def time_of(self, step: int) -> float:
+        """The time of a step of velocity Verlet."""
+        return next(steps for steps in reversed(self.time_steps) if step >= steps.first).time(step)
 
     def _initial_state(self, sets: Sets) -> State:
         p, a = self._assembler.particles, self._assembler
@@ -78,17 +110,21 @@ class Transient:
                     v[load.entries] = load.rates(0.0)
         return State(u=u, v=v)
 
-    def _time_steps(self) -> TimeSteps:
+    def _steps(self, state: State) -> TimeSteps:
+        """Equal time steps from a state to the end (collective)."""
         solver, a = self._case.solver, self._assembler
-        stable = stable_step(a, self.mass, self.initial.u)
+        stable = stable_step(a, self.mass, state.u)
         explicit = solver.mode == "verlet"
-        if solver.time_step or not explicit or "steps" in solver.model_fields_set:
+        given = solver.time_step or not explicit or "steps" in solver.model_fields_set
+        size = SAFETY * stable
+        if given:
             size = solver.time_step or solver.end_time / solver.steps
-        else:
-            size = SAFETY * stable
+            size = min(size, SAFETY * stable) if explicit and state.step else size  # refined bodies need shorter ones
         if not math.isfinite(size):
             raise InputError("solver.time_step: nothing in the body moves freely, so that no step can be estimated")
-        steps = TimeSteps(solver.end_time, max(1, math.ceil(solver.end_time / size * (1 - 1e-12))), stable)
+        left = solver.end_time - state.time
+        count = max(1, math.ceil(left / size * (1 - 1e-12)))
+        steps = TimeSteps(solver.end_time, count, stable, state.time, state.step)
         if explicit and steps.size > stable:
             text = f"solver.time_step: {steps.size:.4g} is above the stable step of {stable:.4g} that is estimated"
             warn(a.mpi, f"{text} (a safe bound); watch the energies")
@@ -102,17 +138,18 @@ class Transient:
         """Whether the fields of a step are written."""
         return step % self.every == 0 or step in self.at
 
-    def run(self, state: State, commit: Callable[[State], None]) -> None:
-        """From a state to the end.
+    def run(self, state: State, commit: Callable[[State], None], pause: Callable[[State], bool]) -> bool:
+        """From a state to the end, or to the first one at which a function says so; whether there was one.
 
         Raises:
             ConvergenceError: the motion has blown up, or a step was not solved.
         """
         self._began, explicit = clock.perf_counter(), self._case.solver.mode == "verlet"
         lag = self.steps.size if explicit else 0.0
-        self.motion = Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, lag)
+        self.motion = Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, pause, lag)
         with self._assembler.timings("solve"):
             (Verlet(self.motion) if explicit else self._implicit()).run(state)
+        return self.motion.paused
 
     def _implicit(self) -> GeneralisedAlpha:
         """The generalised-alpha method with the linear solver that equilibria have, too."""
@@ -130,10 +167,10 @@ class Transient:
     def energies(self, state: State) -> dict[str, float]:
         """What loads have done, what there is and what is gone, and what is missing between them (collective)."""
         kinetic, stored = state.kinetic, self._assembler.stored_energy(state.u)
-        imbalance = state.brought + state.external_work - kinetic - stored - state.dissipated
+        imbalance = state.brought + state.mapped + state.external_work - kinetic - stored - state.dissipated
         return {
             "brought": state.brought, "external_work": state.external_work, "kinetic": kinetic, "stored": stored,
-            "dissipated": state.dissipated, "imbalance": imbalance,
+            "dissipated": state.dissipated, "mapped": state.mapped, "imbalance": imbalance,
         }  # fmt: skip
 
     def row(self, state: State) -> dict:
@@ -142,7 +179,11 @@ class Transient:
             "broken_bonds": self._fracture.count, "crack_area": self._fracture.crack_area,
         }  # fmt: skip
         names = {"kinetic": "kinetic_energy", "stored": "stored_energy"}
-        energies = {names.get(key, key): value for key, value in self.energies(state).items() if key != "brought"}
+        energies = {
+            names.get(key, key): value
+            for key, value in self.energies(state).items()
+            if key not in ("brought", "mapped")
+        }
         return {"step": state.step, "time": state.time, "time_step": self.motion.last, **energies, **broken,
                 "seconds": clock.perf_counter() - self._began}  # fmt: skip
 

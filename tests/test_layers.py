@@ -40,6 +40,7 @@ LAYERS = (
         "prediction",
         "building",
         "transient",
+        "discretisation",
         "simulation",
         "summary",
         "driver",

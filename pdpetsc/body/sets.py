@@ -13,25 +13,40 @@ class Sets:
     """Masks over this rank's owned particles, by name; "all" is always there.
 
     Args:
-        particles: the distributed particles.
-        conditions: Expression of each set given by a condition.
-        points: position of each set given by its nearest particle.
+        mpi: mpi4py communicator.
+        masks: (owned,) of each set.
 
     Raises:
         InputError: a set that is used contains no particle on any rank (collective).
     """
 
-    def __init__(self, particles: Particles, conditions: dict, points: dict):
+    def __init__(self, mpi, masks: dict[str, np.ndarray]):
+        self._mpi, self._masks = mpi, masks
+
+    @classmethod
+    def of(cls, particles: Particles, specs: dict) -> "Sets":
+        """By the tables of a case's `[sets]`: a condition, or the nearest particle to a point (collective)."""
         n = particles.owned
         X = particles.position[:n]
-        self._mpi = particles.comm.tompi4py()
-        self._masks = {"all": np.ones(n, bool)}
+        sets = cls(particles.comm.tompi4py(), {"all": np.ones(n, bool)})
         place = coordinates(X, particles.spacing[:n])
-        with collective(self._mpi):
-            for name, condition in conditions.items():
-                self._masks[name] = condition.mask(**place)
-        for name, point in points.items():
-            self._masks[name] = self._nearest(X, particles.id[:n], np.array(point))
+        with collective(sets._mpi):
+            for name, spec in specs.items():
+                if spec.where:
+                    sets._masks[name] = spec.where.mask(**place)
+        for name, spec in specs.items():
+            if spec.nearest:
+                sets._masks[name] = sets._nearest(X, particles.id[:n], np.array(spec.nearest))
+        return sets
+
+    @property
+    def columns(self) -> np.ndarray:
+        """(owned, sets) of zeros and ones, in which particles carry what sets they belong to."""
+        return np.stack(list(self._masks.values()), axis=1).astype(float)
+
+    def inherited(self, columns: np.ndarray) -> "Sets":
+        """The sets of particles that have carried these columns with them."""
+        return Sets(self._mpi, dict(zip(self._masks, columns.T > 0)))
 
     def _nearest(self, X, ids, point) -> np.ndarray:
         """The nearest particle; among equally near ones that of the lowest id."""

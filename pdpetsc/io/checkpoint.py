@@ -7,15 +7,19 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from pdpetsc.body.sets import Sets
 from pdpetsc.errors import InputError
+from pdpetsc.exchange import Directory
 from pdpetsc.io.blocks import open_file, read_field, write_field
-from pdpetsc.particles import Particles
+from pdpetsc.particles import Facets, Particles, Points, distribute
 from pdpetsc.state import State
 
 CHECKPOINT = "checkpoint.h5"
-FORMAT = 2
+FORMAT = 3
 FIELDS = ("u", "increment", "v")
 """Of the state, beside its numbers."""
+LINEAGE = ("parent", "ancestor")
+"""Ids of the particle that each was split from, and of the one at the start."""
 
 
 def write_checkpoint(
@@ -29,6 +33,7 @@ def write_checkpoint(
         damaged: lists (n, 3) of this rank's bonds, by name, with the ids of their ends and what has become of them.
     """
     p = particles
+    facets = _gathered_facets(p) if p.carried else Facets.none(p.dim)
     damaged = {name: gathered_bonds(p.comm.tompi4py(), bonds) for name, bonds in damaged.items()}
     new = directory / (CHECKPOINT + ".new")
     # Metadata must be the same on all ranks, and wall-clock seconds are not.
@@ -38,7 +43,14 @@ def write_checkpoint(
             if getattr(state, name) is not None:
                 write_field(p.comm, file, name, p.directory, p.count, getattr(state, name))
         write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
+        if p.carried:  # a refined body
+            for name in ("volume", "spacing", "horizon"):
+                write_field(p.comm, file, name, p.directory, p.count, getattr(p, name)[: p.owned])
+            for name in LINEAGE:
+                write_field(p.comm, file, name, p.directory, p.count, p.carried[name])
         if file is not None:
+            for name, values in vars(facets).items():
+                file[f"facets/{name}"] = values
             file.attrs["pdpetsc_checkpoint"] = FORMAT
             kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name not in FIELDS}
             file.attrs["state"] = json.dumps(kept)
@@ -78,6 +90,34 @@ def gathered_bonds(mpi, bonds: np.ndarray) -> np.ndarray:
     """The listed bonds of all ranks by step (or stretch) and ids, on every rank: as many as a crack has area."""
     bonds = np.concatenate(mpi.allgather(bonds))
     return bonds[np.lexsort(bonds.T[[1, 0, 2]])]
+
+
+def _gathered_facets(p: Particles) -> Facets:
+    """The facets of all ranks, with ids of their parents, on every rank: as many as there are on loaded surfaces."""
+    own = Facets(p.id[p.facets.parent].astype(np.int64), p.facets.face, p.facets.position, p.facets.area)
+    return Facets.joined(p.comm.tompi4py().allgather(own))
+
+
+def read_particles(directory: Path, first: Particles, sets: Sets, tolerance: float) -> tuple[Particles, Sets]:
+    """The refined body of a checkpoint and its sets (collective).
+
+    Args:
+        first, sets: the body as it was at the start.
+        tolerance: of horizons.
+    """
+    path, comm = directory / CHECKPOINT, first.comm
+    with h5py.File(path, "r") as file:
+        count = len(file["position"])
+        start, stop = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
+        columns = {name: file[name][start:stop] for name in ("position", "volume", "spacing", "horizon", *LINEAGE)}
+        facets = Facets(**{name: file[f"facets/{name}"][...] for name in ("parent", "face", "position", "area")})
+    carried = {name: columns.pop(name) for name in LINEAGE}
+    own = Directory(comm, carried["ancestor"], first.count)
+    carried["sets"] = own.from_blocks(first.directory.to_blocks(sets.columns))
+    mine = facets.chosen((facets.parent >= start) & (facets.parent < stop))
+    points = Points(np.arange(start, stop), **columns, facets=mine, carried=carried)
+    particles = distribute(comm, points, tolerance)
+    return particles, sets.inherited(particles.carried.pop("sets"))
 
 
 def read_damaged(directory: Path) -> dict[str, np.ndarray]:

@@ -13,13 +13,18 @@ from pdpetsc.quantities import QUANTITIES
 from pdpetsc.recover import Recovery
 
 XDMF, HDF5 = "fields.xdmf", "fields.h5"
+BODY = ("position", "volume", "horizon", "spacing")
+REFINED = "refined"
+"""Group of the bodies after refinements, each by the first step of which there are fields on it."""
 
 
 class FieldWriter:
     """Writes the fields of load steps, one after the other.
 
     The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon`, `spacing` and a group
-    for each step with vectors as (N, 3) and tensors as (N, 9). It is closed between steps; `steps` has their times.
+    for each step with vectors as (N, 3) and tensors as (N, 9). A refined body is in a group refined/STEP with the
+    particles of the steps from that one on, and the ids that they were split from (`parent`). The file is closed
+    between steps; `steps` has their times.
 
     Args:
         directory: existing result directory.
@@ -31,16 +36,21 @@ class FieldWriter:
     def __init__(self, directory: Path, particles: Particles, times: dict[int, float], fields: tuple[str, ...]):
         self._directory = directory
         self._fields = fields
-        self._particles = particles
+        self._particles, self._count = particles, particles.count
         self.steps: dict[int, float] = {}
-        p = particles
         if times and (directory / HDF5).exists():
             self._keep(times)
             return
-        with open_file(p.comm, directory / HDF5, "w") as file:
-            for name in ("position", "volume", "horizon", "spacing"):
-                self._write(file, name, getattr(p, name)[: p.owned])
-            self._write(file, "vertex", p.id[: p.owned].astype(np.int32))
+        with open_file(particles.comm, directory / HDF5, "w") as file:
+            self._write_body(file, "")
+
+    def _write_body(self, file, group: str) -> None:
+        p = self._particles
+        for name in BODY:
+            self._write(file, group + name, getattr(p, name)[: p.owned])
+        self._write(file, group + "vertex", p.id[: p.owned].astype(np.int32))
+        if group:
+            self._write(file, group + "parent", p.carried["parent"].astype(np.int32))
 
     def _keep(self, times: dict[int, float]) -> None:
         """Keep the steps of an earlier run up to its checkpoint and drop later ones."""
@@ -49,17 +59,29 @@ class FieldWriter:
             for name in written:
                 if int(name) not in times:
                     del file[name]
-        written = self._particles.comm.tompi4py().bcast(written)
+            for name in list(file.get(REFINED, ())) if file is not None else ():
+                if int(name) > max(times):
+                    del file[f"{REFINED}/{name}"]
+            if file is not None:
+                self._count = len(file[body_of(file, max(times)) + "position"])
+        written, self._count = self._particles.comm.tompi4py().bcast((written, self._count))
         self.steps = {int(name): times[int(name)] for name in written if int(name) in times}
 
-    def write(self, step: int, time: float, recovery: Recovery) -> None:
-        """Append a step (collective)."""
-        with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
+    def write(self, particles: Particles, step: int, time: float, recovery: Recovery) -> None:
+        """Append a step, and its particles if the body has been refined since the last one (collective)."""
+        self._particles = particles
+        with open_file(particles.comm, self._directory / HDF5, "a") as file:
+            if particles.count != self._count:
+                self._write_body(file, f"{REFINED}/{step:05d}/")
+                self._count = particles.count
             for name in self._fields:
                 self._write(file, f"{step:05d}/{name}", recovery.field(name))
         self.steps[step] = time
         if self._particles.comm.rank == 0:
-            tree = ElementTree.ElementTree(_xdmf(self._particles.count, self.steps, self._fields))
+            with h5py.File(self._directory / HDF5, "r") as file:
+                bodies = {step: body_of(file, step) for step in self.steps}
+                counts = {group: len(file[group + "position"]) for group in set(bodies.values())}
+            tree = ElementTree.ElementTree(_xdmf(self.steps, bodies, counts, self._fields))
             ElementTree.indent(tree)
             tree.write(self._directory / XDMF, xml_declaration=True)
 
@@ -71,6 +93,12 @@ class FieldWriter:
 def written_steps(file: h5py.File) -> list[str]:
     """The groups of steps in a field file, in order."""
     return sorted((name for name in file if name.isdigit()), key=int)
+
+
+def body_of(file: h5py.File, step: int) -> str:
+    """The group, with a slash, that holds the particles of a step."""
+    names = [name for name in file.get(REFINED, ()) if int(name) <= step]
+    return f"{REFINED}/{max(names, key=int)}/" if names else ""
 
 
 def _for_visualisation(values: np.ndarray) -> np.ndarray:
@@ -85,8 +113,14 @@ def _for_visualisation(values: np.ndarray) -> np.ndarray:
 _KINDS = {0: ("Scalar", ""), 1: ("Vector", " 3"), 2: ("Tensor", " 9")}
 
 
-def _xdmf(count: int, steps: dict[int, float], fields: tuple[str, ...]) -> ElementTree.Element:
-    """An XDMF 3 temporal collection of point clouds."""
+def _xdmf(steps: dict[int, float], bodies: dict, counts: dict, fields: tuple[str, ...]) -> ElementTree.Element:
+    """An XDMF 3 temporal collection of point clouds.
+
+    Args:
+        steps: their times.
+        bodies: group of each step's particles.
+        counts: of each group.
+    """
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     collection = ElementTree.SubElement(
@@ -102,17 +136,18 @@ def _xdmf(count: int, steps: dict[int, float], fields: tuple[str, ...]) -> Eleme
     times = list(steps.values())
     ascending = all(before < after for before, after in pairwise(times))
     for step, time in steps.items():
+        body, count = bodies[step], counts[bodies[step]]
         grid = ElementTree.SubElement(collection, "Grid", Name=f"step {step}", GridType="Uniform")
         # Readers want times to ascend, which those along a path need not.
         ElementTree.SubElement(grid, "Time", Value=repr(time if ascending else float(step)))
         topology = ElementTree.SubElement(
             grid, "Topology", TopologyType="Polyvertex", NumberOfElements=str(count), NodesPerElement="1"
         )
-        item(topology, "vertex", f"{count} 1", "Int", "4")
+        item(topology, f"{body}vertex", f"{count} 1", "Int", "4")
         geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
-        item(geometry, "position", f"{count} 3")
+        item(geometry, f"{body}position", f"{count} 3")
         for name, path in [
-            *((n, n) for n in ("volume", "horizon", "spacing")),
+            *((n, body + n) for n in BODY[1:]),
             *((n, f"{step:05d}/{n}") for n in fields),
         ]:
             kind, columns = _KINDS[QUANTITIES[name].rank if name in QUANTITIES else 0]

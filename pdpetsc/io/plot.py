@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.progress import track
 
 from pdpetsc.errors import InputError
-from pdpetsc.io.fields import HDF5, written_steps
-from pdpetsc.quantities import QUANTITIES, component, von_mises
+from pdpetsc.io.fields import HDF5, body_of, written_steps
+from pdpetsc.quantities import QUANTITIES, scalar
 
 VISIBLE = 0.05
 """Displacements below a fifth of this fraction of the body's size are drawn enlarged to this fraction."""
@@ -109,9 +109,10 @@ def read_frame(file: h5py.File, step: str, field: str) -> Frame:
         raise InputError(
             f"--field {field}: was not written; there is {', '.join(sorted(group))}, and output.fields asks for more"
         )
-    u, values = group["u"][...], colour_values(field, group[field][...])
+    u, values = group["u"][...], scalar(field, group[field][...])
     F = group["F"][...].reshape(-1, 3, 3) if "F" in group else np.eye(3)[None].repeat(len(u), axis=0)
-    return Frame(*(file[name][...] for name in ("position", "spacing", "volume")), u, F, values)
+    body = body_of(file, int(step))
+    return Frame(*(file[body + name][...] for name in ("position", "spacing", "volume")), u, F, values)
 
 
 def _time(summary: dict, step: str) -> float:
@@ -194,19 +195,6 @@ def plot_curve(directory: Path, title: str, rows: list[dict], x: str, y: str) ->
     axes.set_ylabel(y, parse_math=False)
     axes.set_title(title, fontsize="medium", parse_math=False)
     figure.savefig(directory / "curve.png", dpi=150)
-
-
-def colour_values(field: str, values: np.ndarray) -> np.ndarray:
-    """One number for each particle: von Mises of a stress, the largest of principal values, else the magnitude; tensors
-    are (n, 9)."""
-    quantity = QUANTITIES[field]
-    if quantity.rank == 2:
-        values = values.reshape(-1, 3, 3) - (np.eye(3) if field == "F" else 0.0)
-    if "von_mises" in quantity.invariants:
-        return von_mises(values)
-    if quantity.components:
-        return values[:, 0]
-    return values if quantity.rank == 0 else component(values, "magnitude")
 
 
 def cell_sides(position: np.ndarray, spacing: np.ndarray, volume: np.ndarray) -> np.ndarray:

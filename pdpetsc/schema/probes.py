@@ -140,13 +140,13 @@ class Expect(Table):
 
 SUMMARY = (
     "probes", "steps", "energies", "fracture", "balance", "particles", "bonds", "limit_points", "timings",
-    "peak_memory_mb", "extremes",
+    "peak_memory_mb", "extremes", "refinements",
 )  # fmt: skip
 """Entries of summary.json that hold numbers."""
 HISTORY = (
     "step", "time", "load_factor", "arc_length", "newton_iterations", "linear_iterations", "residual_scale",
     "relative_residual", "rounding_floor", "broken_bonds", "passes", "most_newton_iterations", "seconds",
-    "external_work", "stored_energy", "dissipated", "held_particles", "crack_area",
+    "external_work", "stored_energy", "dissipated", "held_particles", "crack_area", "particles",
 )  # fmt: skip
 """Columns of history.csv before the probes."""
 

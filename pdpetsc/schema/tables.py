@@ -20,6 +20,7 @@ from pdpetsc.schema.damage import DamageTable, Fraction
 from pdpetsc.schema.loads import AnyLoad
 from pdpetsc.schema.materials import MaterialTable
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
+from pdpetsc.schema.refinement import Refinement
 from pdpetsc.schema.table import Table, error_at, exactly_one
 from pdpetsc.schema.values import (
     Axes,
@@ -269,6 +270,16 @@ def of_numbers(output: Output, info: ValidationInfo) -> Output:
     return output
 
 
+def of_cells(refinement: Refinement | None, info: ValidationInfo) -> Refinement | None:
+    """Particles in cells can be split, between load steps and in motion."""
+    body, solver = info.data.get("body"), info.data.get("solver")
+    if refinement and body and body.particles == "vertices":
+        raise ValueError('divides cells, so it goes with body.particles = "cells"')
+    if refinement and solver and solver.control != "load":
+        raise ValueError(f'goes with load steps and motion, not with solver.control = "{solver.control}"')
+    return refinement
+
+
 class Description(Table):
     """A whole case file, after a variant and overrides have been merged into it."""
 
@@ -283,6 +294,7 @@ class Description(Table):
     damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
     load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
     solver: Annotated[Solver, AfterValidator(of_failing_bonds), AfterValidator(of_motion)] = Solver()
+    refinement: Annotated[Refinement | None, AfterValidator(of_cells)] = None
     initial: Annotated[tuple[Initial, ...], Strict(False), AfterValidator(of_time)] = ()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()

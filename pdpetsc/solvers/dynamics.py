@@ -35,24 +35,27 @@ from pdpetsc.state import State
 
 @dataclass(frozen=True)
 class TimeSteps:
-    """Equal steps from 0 to the end.
+    """Equal steps to the end.
 
     Attributes:
         end: time of the last one.
         count: number of steps.
         stable: largest stable step of velocity Verlet, estimated.
+        start, first: time and number of the step from which they go on.
     """
 
     end: float
     count: int
     stable: float
+    start: float = 0.0
+    first: int = 0
 
     @property
     def size(self) -> float:
-        return self.end / self.count
+        return (self.end - self.start) / self.count
 
     def time(self, step: int) -> float:
-        return self.end * step / self.count
+        return self.start + (self.end - self.start) * (step - self.first) / self.count
 
     def finished(self, time: float) -> bool:
         return time >= self.end * (1 - 1e-12)
@@ -115,21 +118,22 @@ class Motion:
         steps: in time.
         commit: called with the state after each of the steps for which `wanted` is true, and after the last one.
         wanted: function of the step's number.
+        pause: function of the state that tells after each step whether it is to be the last one for now.
         lag: dt in the kinetic energy (above).
     """
 
     def __init__(
         self, assembler: Assembler, mass: np.ndarray, fracture: Fracture | None, steps: TimeSteps,
-        commit: Callable[[State], None], wanted: Callable[[int], bool], lag: float,
+        commit: Callable[[State], None], wanted: Callable[[int], bool], pause: Callable[[State], bool], lag: float,
     ):  # fmt: skip
         self.assembler, self.mass, self.fracture, self.steps = assembler, mass[:, None], fracture, steps
-        self.commit, self.wanted, self.lag = commit, wanted, lag
+        self.commit, self.wanted, self.pause, self.lag = commit, wanted, pause, lag
 
     def begin(self, state: State) -> None:
         """Take over a state (collective)."""
         a = self.assembler
         a.set_time(state.time)
-        self.committed, self.last = state.step, self.steps.size
+        self.committed, self.last, self.paused = state.step, self.steps.size, False
         self.state = replace(state, u=np.where(a.constrained, a.prescribed, state.u), v=state.v.copy())
         self.internal = a.internal_force(self.state.u)
         self.external = a.external_force(self.state.u).copy()
@@ -171,7 +175,9 @@ class Motion:
                 f"the motion has blown up in step {state.step}, t = {state.time:g}: a time step of {steps.size:.4g} is "
                 f"too long; {steps.stable:.4g} was estimated to be stable at the start"
             )
-        if self.wanted(state.step) or steps.finished(state.time):
+        finished = steps.finished(state.time)
+        self.paused = not finished and self.pause(state)
+        if self.paused or finished or self.wanted(state.step):
             self._commit()
 
     def _commit(self) -> None:
@@ -185,7 +191,7 @@ class Motion:
             ConvergenceError: it is not the end.
         """
         state = self.state
-        if not self.steps.finished(state.time):
+        if not self.paused and not self.steps.finished(state.time):
             if state.step > self.committed:
                 self._commit()
             raise ConvergenceError(f"the motion has ended at t = {state.time:g}, short of end_time: {reason}")
@@ -209,7 +215,7 @@ class Verlet:
         self.motion = motion
 
     def run(self, state: State) -> None:
-        """From a state to the end.
+        """From a state to the end, or to a pause.
 
         Raises:
             ConvergenceError: the motion has blown up.
@@ -224,7 +230,7 @@ class Verlet:
             ts.setPythonContext(self)
             ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
             ts.setTimeStep(steps.size)
-            ts.setMaxSteps(steps.count)
+            ts.setMaxSteps(steps.first + steps.count)
             ts.setMaxTime(2 * steps.end)
             from_options(ts)
             ts.solve(x)
@@ -252,6 +258,8 @@ class Verlet:
         with ts.getSolution() as array:
             array[...] = u.ravel()
         ts.setTime(time)
+        if motion.paused:
+            ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
 
 
 @njit(cache=True)

@@ -26,7 +26,7 @@ class GeneralisedAlpha:
         self.motion, self._tangent = motion, tangent
 
     def run(self, state: State) -> None:
-        """From a state to the end.
+        """From a state to the end, or to a pause.
 
         Raises:
             ConvergenceError: a step was not solved.
@@ -93,6 +93,8 @@ class GeneralisedAlpha:
             motion.settle(velocity.getArray(readonly=True).reshape(-1, a.dim).copy())
             if motion.fracture and motion.fracture.count > broken:
                 ts.restartStep()  # forces have jumped
+            if motion.paused:
+                ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)
         except Exception as error:  # through PETSc it would lose its kind
             self.failure = error
             ts.setConvergedReason(PETSc.TS.ConvergedReason.CONVERGED_USER)

@@ -57,8 +57,9 @@ def march(
     passes: Passes,
     state: State,
     schedule: Schedule,
-    commit: Callable[[State, StepRecord], None],
+    commit: Callable[[State, StepRecord], bool],
     failed: Callable[[float, float, str], None],
+    again: bool = False,
 ) -> str:
     """Advance to the end of the schedule, or until the body has come apart, committing each converged step.
 
@@ -66,19 +67,20 @@ def march(
         passes: solves one step.
         state: to begin with.
         schedule: the times.
-        commit: called with each converged state.
+        commit: called with each converged state; tells whether that is to be the last one for now.
         failed: called with (time reached, time tried, reason) when a step is cut.
+        again: whether the first step is to the time of the state, on another body.
 
     Returns:
-        "converged", or "separated" where the body has come apart.
+        "converged", "separated" where the body has come apart, or "paused".
 
     Raises:
         ConvergenceError: a step failed and may not be cut further.
     """
-    while not schedule.finished(state.time):
+    while again or not schedule.finished(state.time):
         size = min(state.step_size or schedule.nominal, schedule.largest)
-        target = schedule.target(state.time, size)
-        tried = target - state.time
+        target = state.time if again else schedule.target(state.time, size)
+        tried, again = target - state.time, False
         cut = schedule.adaptive and tried / 2 >= schedule.smallest
         try:
             coarse = cut and tried > FINE * schedule.nominal * (1 + 1e-9)
@@ -95,7 +97,9 @@ def march(
             continue
         easy = schedule.adaptive and max(newton.newton_iterations for newton in record.passes) <= EASY
         state = replace(new, step_size=2 * size if easy else size)
-        commit(state, record)
+        paused = commit(state, record)
         if record.separated:
             return "separated"
+        if paused:
+            return "paused"
     return "converged"

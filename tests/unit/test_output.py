@@ -12,8 +12,8 @@ from PIL import Image
 
 from pdpetsc.errors import InputError
 from pdpetsc.io import tables
-from pdpetsc.io.plot import animate_result, cell_sides, colour_values, free_faces, plot_curve, plot_result
-from pdpetsc.quantities import QUANTITIES, component, components
+from pdpetsc.io.plot import animate_result, cell_sides, free_faces, plot_curve, plot_result
+from pdpetsc.quantities import QUANTITIES, component, components, scalar
 from pdpetsc.recover import FIELDS
 
 ROWS = [
@@ -54,11 +54,11 @@ def test_colours_of_a_stress_are_von_mises():
     shear[0, 1] = shear[1, 0] = 2.0
     pressure += 5 * np.eye(3)
     stress = np.stack([uniaxial, shear, pressure]).reshape(3, 9)
-    assert colour_values("stress", stress) == pytest.approx([7.0, 2 * np.sqrt(3), 0.0], abs=1e-14)
+    assert scalar("stress", stress) == pytest.approx([7.0, 2 * np.sqrt(3), 0.0], abs=1e-14)
 
 
 def test_colours_of_principal_values_are_the_largest():
-    assert colour_values("principal", np.array([[1.0, -2.0, -5.0]])) == pytest.approx([1.0])
+    assert scalar("principal", np.array([[1.0, -2.0, -5.0]])) == pytest.approx([1.0])
 
 
 def test_components():
@@ -75,9 +75,9 @@ def test_components():
 
 
 def test_colours_of_other_fields_are_magnitudes():
-    assert colour_values("u", np.array([[3.0, 4.0, 0.0]])) == pytest.approx([5.0])
-    assert colour_values("energy", np.array([-2.0])) == pytest.approx([-2.0])
-    assert colour_values("F", np.eye(3).reshape(1, 9) + 1.0) == pytest.approx([3.0])
+    assert scalar("u", np.array([[3.0, 4.0, 0.0]])) == pytest.approx([5.0])
+    assert scalar("energy", np.array([-2.0])) == pytest.approx([-2.0])
+    assert scalar("F", np.eye(3).reshape(1, 9) + 1.0) == pytest.approx([3.0])
 
 
 def test_every_quantity_is_computed():
