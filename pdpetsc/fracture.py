@@ -95,12 +95,28 @@ class Fracture:
 
     def ratios(self, u: np.ndarray) -> np.ndarray:
         """d/d_c of each bond at owned displacements, the larger of both directions; 0 where it cannot fail."""
+        ratio, shared = self._own_ratios(u)
+        ratio = np.maximum(ratio, self._opposite(ratio if shared is None else np.where(shared, ratio, 0.0)))
+        ratio[self._exempt | ~self.intact] = 0.0
+        return ratio
+
+    def critical(self, u: np.ndarray) -> np.ndarray | None:
+        """Mask of the bonds that are critical at owned displacements, both directions; None where none is on any
+        rank (collective)."""
+        ratio, shared = self._own_ratios(u)
+        failed = (ratio >= 1.0) & self.intact & ~self._exempt
+        if not self._mpi.allreduce(int(failed.any())):
+            return None
+        return (failed | self._opposite.of_mask(failed if shared is None else failed & shared)) & self.intact
+
+    def _own_ratios(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """d/d_c of each bond in its own direction, and which share it with the other one; None: all."""
         local = self._assembler.localise(u)
         tensors = {}
         for rule in self._rules:
             if rule is not None and rule.criterion.field not in (None, *tensors):
                 tensors[rule.criterion.field] = self._tensor(rule.criterion.field, local)
-        ratio, shared = np.zeros(self.families.bonds), np.zeros(self.families.bonds)
+        ratio, shared = np.zeros(self.families.bonds), np.ones(self.families.bonds, bool)
         for rule, bonds in zip(self._rules, self._bonds):
             if rule is None:
                 continue
@@ -112,11 +128,8 @@ class Fracture:
                 return (own + self._opposite(own))[bonds]
 
             ratio[bonds] = rule.criterion.ratio(local, tensors.get(rule.criterion.field), both)
-            if not rule.independent:
-                shared[bonds] = ratio[bonds]
-        ratio = np.maximum(ratio, self._opposite(shared))
-        ratio[self._exempt | ~self.intact] = 0.0
-        return ratio
+            shared[bonds] = not rule.independent
+        return ratio, None if shared.all() else shared
 
     def _tensor(self, method: str, local: np.ndarray) -> np.ndarray:
         """What each material gives for its families, at all local particles."""
@@ -147,9 +160,18 @@ class Fracture:
         self._look_at_pieces(u)
         return self.count - before
 
-    def fail_all(self, ratio: np.ndarray, step: int) -> None:
-        """Break all that is critical by these ratios, and nothing else: pieces in motion need no support."""
-        self._break(ratio >= 1.0, step)
+    def fail_all(self, failed: np.ndarray, u: np.ndarray, step: int) -> float:
+        """Break the bonds of a mask, and nothing else: pieces in motion need no support; the energy that they take with
+        them at owned displacements u (collective)."""
+        local, materials = self._assembler.localise(u), self._assembler.materials
+        touched = [np.flatnonzero(m.families.sums(failed[bonds])) for m, bonds in zip(materials, self._bonds)]
+
+        def energy():
+            return sum(material.energy(local, members).sum() for material, members in zip(materials, touched))
+
+        before = energy()
+        self._break(failed, step)
+        return self._mpi.allreduce(float(before - energy()))
 
     def _break(self, failed: np.ndarray, step: int) -> None:
         self.step[failed & self.intact] = step
@@ -300,11 +322,8 @@ class Fracture:
         for listed, values in ((broken, self.step), (softened, self.largest)):
             mine = listed[np.isin(listed[:, 0], p.id[: p.owned])]
             wanted = mine[:, 0].astype(np.int64) * p.count + mine[:, 1].astype(np.int64)
-            place = (
-                order[np.minimum(np.searchsorted(pairs[order], wanted), len(order) - 1)]
-                if len(wanted)
-                else np.empty(0, np.intp)
-            )
+            place = np.searchsorted(pairs, wanted, sorter=order)
+            place = order[np.minimum(place, len(order) - 1)] if len(wanted) else place
             with collective(self._mpi):
                 if not np.array_equal(pairs[place], wanted):
                     raise InputError(

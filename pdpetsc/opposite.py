@@ -46,6 +46,17 @@ class Opposite:
             result[bonds] = answer
         return result
 
+    def of_mask(self, mask: np.ndarray) -> np.ndarray:
+        """Which bonds (bonds,) have their other direction in a mask of few (collective)."""
+        result = np.zeros(len(mask), bool)
+        other = self._here[np.flatnonzero(mask)]
+        result[other[other >= 0]] = True
+        padded = np.append(mask, False)
+        answers = [padded[bonds] for bonds in self._answers]
+        for bonds, answer in zip(self._asked, swap(self._mpi, self._neighbours, answers, np.int8)):
+            result[bonds] = answer > 0
+        return result
+
 
 def _find(families_of_j: np.ndarray, ids_of_i: np.ndarray, families: Families, ids: np.ndarray) -> np.ndarray:
     """Numbers of the bonds j -> i of these families, -1 where there is none."""

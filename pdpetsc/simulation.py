@@ -255,10 +255,12 @@ class Simulation:
             bonds = p, self.families, former
             values = (inherited(*bonds, listed, self.case.body.horizon_tolerance) for listed in damaged.values())
             self.fracture.take_over(*values, state.u)
+        now = measures(p, self.assembler, state, self.solver.mass if in_time else None)
+        state.mapped += now["stored"] - was["stored"]
         if in_time:
             self.solver.go_on_from(state)
-        now = measures(p, self.assembler, state, self.solver.mass if in_time else None)
-        state.mapped += now["energy"] - was["energy"]
+            kinetic = self.solver.kinetic(state)
+            state.mapped, state.kinetic = state.mapped + kinetic - state.kinetic, kinetic
         row = {"step": state.step, "time": state.time, "split": split, "particles": p.count}
         self.refinements.append(row | changes(was, now))
         PETSc.garbage_cleanup(self.comm)

@@ -114,7 +114,7 @@ class Transient:
         """Equal time steps from a state to the end (collective)."""
         solver, a = self._case.solver, self._assembler
         stable = stable_step(a, self.mass, state.u)
-        explicit = solver.mode == "verlet"
+        explicit = self._explicit
         given = solver.time_step or not explicit or "steps" in solver.model_fields_set
         size = SAFETY * stable
         if given:
@@ -144,12 +144,25 @@ class Transient:
         Raises:
             ConvergenceError: the motion has blown up, or a step was not solved.
         """
-        self._began, explicit = clock.perf_counter(), self._case.solver.mode == "verlet"
-        lag = self.steps.size if explicit else 0.0
-        self.motion = Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, pause, lag)
+        self._began = clock.perf_counter()
+        self.motion = self._motion(commit, pause)
         with self._assembler.timings("solve"):
-            (Verlet(self.motion) if explicit else self._implicit()).run(state)
+            (Verlet(self.motion) if self._explicit else self._implicit()).run(state)
         return self.motion.paused
+
+    def kinetic(self, state: State) -> float:
+        """Kinetic energy of a state, as it goes into the balance (collective)."""
+        motion = self._motion(lambda state: None, lambda state: False)
+        motion.begin(state)
+        return motion.kinetic()
+
+    @property
+    def _explicit(self) -> bool:
+        return self._case.solver.mode == "verlet"
+
+    def _motion(self, commit, pause) -> Motion:
+        lag = self.steps.size if self._explicit else 0.0
+        return Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, pause, lag)
 
     def _implicit(self) -> GeneralisedAlpha:
         """The generalised-alpha method with the linear solver that equilibria have, too."""

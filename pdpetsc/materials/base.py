@@ -182,7 +182,7 @@ class Material(Softenable):
         raise NotImplementedError
 
     def set_bonds(self, intact: np.ndarray) -> None:
-        """Go on with the bonds of a mask (bonds,); the others carry nothing and count in no sum of their family."""
+        """Go on with the bonds of a mask (bonds,); others carry nothing and count in no sum of their family."""
         self.intact = intact
         self._renew()
 
@@ -262,10 +262,9 @@ class Material(Softenable):
 
     def add_action(self, du: np.ndarray, force: np.ndarray, begin: int = 0, end: int | None = None) -> None:
         """Add K du of the families begin ... end - 1, K of the last `linearise`."""
-        data, bonds = self._mechanics
-        part = du, force, begin, len(self.families) if end is None else end
+        (data, bonds), end = self._mechanics, len(self.families) if end is None else end
         state = data, self._tangent, self._X, *bonds, self._volume, self._u
-        kernels.add_action(self._D, *state, self.follows_bonds, *part)
+        kernels.add_action(self._D, *state, self.follows_bonds, du, force, begin, end)
 
     def add_diagonal(self, diagonal: np.ndarray) -> None:
         """Add the tangent's diagonal blocks to `diagonal` (local, dim, dim)."""
@@ -321,10 +320,11 @@ class Material(Softenable):
             *element, self.couples_family, upper, row_offsets, columns, blocks,
         )  # fmt: skip
 
-    def energy(self, u: np.ndarray) -> np.ndarray:
-        """Stored energy of each family [energy]."""
-        energy = np.empty(len(self.families))
-        kernels.energies(self._D, self._data, self._X, *self._bonds, self._volume, u, energy)
+    def energy(self, u: np.ndarray, members: np.ndarray | None = None) -> np.ndarray:
+        """Stored energy of each family, or of those with these numbers [energy]."""
+        members = np.arange(len(self.families)) if members is None else members
+        energy = np.empty(len(members))
+        kernels.energies(self._D, self._data, self._X, *self._bonds, self._volume, u, members, energy)
         return energy
 
     def add_virial(self, u: np.ndarray, virial: np.ndarray) -> None:

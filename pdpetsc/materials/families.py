@@ -255,12 +255,14 @@ def length(D, vectors, k):
 
 
 @njit(cache=True, **FAST)
-def energies(D, data, X, center, offsets, neighbours, volume, u, energy):
+def energies(D, data, X, center, offsets, neighbours, volume, u, members, energy):
+    """Of the families with these numbers."""
     space = scratch(D, offsets)
-    for f in range(len(center)):
+    for n in range(len(members)):
+        f = members[n]
         i, first, last = center[f], offsets[f], offsets[f + 1]
         gather_two(D, X, u, i, first, last, neighbours, space.xi, space.eta)
-        energy[f] = volume[i] * energy_state(D, data, f, first, last - first, space)
+        energy[n] = volume[i] * energy_state(D, data, f, first, last - first, space)
 
 
 @njit(cache=True, **FAST)

@@ -9,6 +9,7 @@ times a factor of the family that goes into A (B below). Moduli are those of n d
 strain, 2 lambda mu/(lambda + 2 mu) and mu in plane stress; K' = lambda + 2 mu/n.
 """
 
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -97,10 +98,15 @@ class Ordinary(Material):
     def _fold(self) -> None:
         """Without a dilatation, springs between two families are evaluated once."""
         if not self.couples_family:
-            offsets, neighbours, k = sums.folded(self.own, *self._bonds, self._volume, self._data.k)
-            self._mechanics = self._data._replace(k=k), (self.families.center, offsets, neighbours)
+            offsets, neighbours, *which = self._pairs
+            network = self.families.center, offsets, neighbours
+            self._mechanics = self._data._replace(k=sums.folded(*network, *which, self._volume, self._data.k)), network
         else:
             self._mechanics = self._data, self._bonds
+
+    @cached_property
+    def _pairs(self) -> tuple:
+        return sums.fold(self.own, *self._bonds)
 
     def _keep(self, intact):
         self._data = self._whole._replace(k=self._whole.k * intact)

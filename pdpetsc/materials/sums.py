@@ -71,9 +71,10 @@ def between_ends(D, X, center, offsets, neighbours, factors, result):
 
 
 @njit(cache=True)
-def folded(own, center, offsets, neighbours, volume, k):
-    """Springs between two families of the same process as one: (offsets, neighbours, k) where the family of the lower
-    center has k_ij + V_j k_ji / V_i, which with its V_i is the stiffness of the pair, and the other one nothing.
+def fold(own, center, offsets, neighbours):
+    """Which springs between two families of the same process can be one: (offsets, neighbours, kept, partner) where the
+    family of the lower center keeps bond kept[n] with the other direction partner[n] (-1: there is none), and the other
+    one nothing.
 
     For each particle, in order, a pointer walks along its bonds as the lower ends of its pairs come up; bonds are in
     an order in which the particles of this process ascend.
@@ -81,7 +82,7 @@ def folded(own, center, offsets, neighbours, volume, k):
     families = len(center)
     pointer = offsets[:-1].copy()
     keep = np.ones(len(neighbours), np.bool_)
-    stiffness = k.copy()
+    other = np.full(len(neighbours), -1, np.int64)
     for i in range(len(own)):
         f = own[i]
         if f < 0:
@@ -96,7 +97,7 @@ def folded(own, center, offsets, neighbours, volume, k):
                 n += 1
             pointer[g] = n
             if n < offsets[g + 1] and neighbours[n] == i:
-                stiffness[b] += volume[j] * k[n] / volume[i]
+                other[b] = n
                 keep[n] = False
     new_offsets = np.zeros(families + 1, np.int64)
     n = 0
@@ -104,4 +105,16 @@ def folded(own, center, offsets, neighbours, volume, k):
         for b in range(offsets[f], offsets[f + 1]):
             n += keep[b]
         new_offsets[f + 1] = n
-    return new_offsets, neighbours[keep], stiffness[keep]
+    return new_offsets, neighbours[keep], np.flatnonzero(keep), other[keep]
+
+
+@njit(cache=True)
+def folded(center, offsets, neighbours, kept, partner, volume, k):
+    """k_ij + V_j k_ji / V_i of each pair that `fold` has kept, which with its V_i is the stiffness of the pair."""
+    stiffness = np.empty(len(kept))
+    for f in range(len(center)):
+        for n in range(offsets[f], offsets[f + 1]):
+            stiffness[n] = k[kept[n]]
+            if partner[n] >= 0:
+                stiffness[n] += volume[neighbours[n]] * k[partner[n]] / volume[center[f]]
+    return stiffness

@@ -138,10 +138,10 @@ class Motion:
         self.internal = a.internal_force(self.state.u)
         self.external = a.external_force(self.state.u).copy()
         if not state.step:
-            self.state.kinetic = self._kinetic()
+            self.state.kinetic = self.kinetic()
             self.state.brought = self.state.kinetic + a.stored_energy(self.state.u)
 
-    def _kinetic(self) -> float:
+    def kinetic(self) -> float:
         """Kinetic energy of the state (collective)."""
         acceleration = np.where(self.assembler.constrained, 0.0, (self.external - self.internal) / self.mass)
         with np.errstate(over="ignore", invalid="ignore"):  # of a motion that is about to blow up
@@ -181,7 +181,7 @@ class Motion:
             self._commit()
 
     def _commit(self) -> None:
-        self.state.kinetic, self.committed = self._kinetic(), self.state.step
+        self.state.kinetic, self.committed = self.kinetic(), self.state.step
         self.commit(replace(self.state, u=self.state.u.copy(), v=self.state.v.copy()))
 
     def close(self, reason: str) -> None:
@@ -198,13 +198,12 @@ class Motion:
 
     def _break(self) -> np.ndarray | None:
         """Break what is critical at the state; the internal forces before, if anything has been broken."""
-        fracture, a, state = self.fracture, self.assembler, self.state
-        ratio = fracture.ratios(state.u)
-        if fracture.worst(ratio) < 1.0:
+        fracture, state = self.fracture, self.state
+        failed = fracture.critical(state.u)
+        if failed is None:
             return None
-        unbroken, whole = a.internal_force(state.u), a.stored_energy(state.u)
-        fracture.fail_all(ratio, state.step)
-        state.dissipated += whole - a.stored_energy(state.u)
+        unbroken = self.assembler.internal_force(state.u)
+        state.dissipated += fracture.fail_all(failed, state.u, state.step)
         return unbroken
 
 
