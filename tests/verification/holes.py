@@ -11,6 +11,8 @@ import h5py
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from pdpetsc.io.fields import body_of, written_steps
+
 DATA = Path(__file__).parent / "data"
 
 
@@ -147,8 +149,9 @@ class HoleLine:
 
     def __init__(self, directory: Path, b: float):
         with h5py.File(directory / "fields.h5") as file:
-            X, spacing, horizon = (file[name][...] for name in ("position", "spacing", "horizon"))
-            last = file[max(name for name in file if name.isdigit())]
+            step = written_steps(file)[-1]
+            body, last = body_of(file, int(step)), file[step]
+            X, spacing, horizon = (file[body + name][...] for name in ("position", "spacing", "horizon"))
             u, stress, flux = (last[name][...] for name in ("u", "stress", "peridynamic_stress"))
         near = np.flatnonzero((np.abs(X[:, 1]) < 0.75 * spacing) & (X[:, 0] > 0.05))
         _, column = np.unique(np.rint(X[near, 0] / (0.05 * spacing.min())), return_inverse=True)
@@ -158,6 +161,7 @@ class HoleLine:
 
         self.x, self.delta, self.rho = mean(X[:, 0]), float(horizon[near].min()), b**2 / 0.05
         self.ux, self.stress, self.flux = mean(u[:, 0]), mean(stress[:, 4]), mean(flux[:, 4])
+        self.width = mean(spacing)
         self.reference = elliptic_hole(b=b)
         self.ux_exact, self.stress_exact = (self.reference.along("y0", name, self.x) for name in ("ux", "syy"))
 
@@ -165,6 +169,14 @@ class HoleLine:
         """Total, within and beyond 50 radii of the tip, % (seed 000 Eq. 99: sums of absolute values)."""
         near = self.x - 0.05 < 50 * self.rho
         return [norm_1(self.ux, self.ux_exact, mask) for mask in (np.full(len(near), True), near, ~near)]
+
+    def integrals(self) -> list[float]:
+        """Errors of u_x and stress yy with each particle's width along the line, %, which goes for all spacings."""
+        pairs = ((self.ux, self.ux_exact), (self.stress, self.stress_exact))
+        return [
+            float(100 * (self.width * np.abs(q - exact)).sum() / (self.width * np.abs(exact)).sum())
+            for q, exact in pairs
+        ]
 
     def errors_stress(self, values: np.ndarray) -> list[float]:
         """Total and within a horizon of the tip, %."""
