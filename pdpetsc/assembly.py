@@ -70,6 +70,7 @@ class Assembler:
         self._sparsity: Sparsity | None = None
         self._filled = False
         self._square_scale = 0.0
+        self._steady: np.ndarray | None = None
 
     @property
     def dim(self) -> int:
@@ -105,17 +106,25 @@ class Assembler:
 
     def set_time(self, time: float) -> None:
         """Prescribed values and external forces at a time (collective)."""
-        self._external[:] = 0
+        fixed = [traction for traction in self.tractions if not traction.follower]
         with collective(self.mpi):
             for constraint in self.constraints:
                 self.prescribed[constraint.entries] = constraint.values(time)
-            for load in self._forces:
-                load.add(time, self._external)
             for traction in self.tractions:
                 traction.set_time(time)
-        fixed = [traction for traction in self.tractions if not traction.follower]
-        if fixed:  # once a step: they do not depend on u
-            self._external += self._forces_of(fixed, np.zeros((self.particles.local, self.dim)))
+        if self._steady is None:  # what does not depend on the time, once for all
+            self._steady = self._forces_at(time, fixed, True)
+        self._external[:] = self._steady + self._forces_at(time, fixed, False)
+
+    def _forces_at(self, time: float, fixed: list[Traction], steady: bool) -> np.ndarray:
+        """Forces on the owned particles of loads that do not depend on u, steady ones or the others (collective)."""
+        force = np.zeros_like(self._external)
+        with collective(self.mpi):
+            for load in self._forces:
+                if load.steady == steady:
+                    load.add(time, force)
+        chosen = [traction for traction in fixed if traction.steady == steady]
+        return force + self._forces_of(chosen, np.zeros((self.particles.local, self.dim))) if chosen else force
 
     def _forces_of(self, tractions: list[Traction], u: np.ndarray) -> np.ndarray:
         """What tractions give the owned particles, (owned, dim), at local displacements (collective)."""

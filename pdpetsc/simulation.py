@@ -202,9 +202,9 @@ class Simulation:
 
     def _solve(self) -> str:
         """March to the end, and refine the body on the way."""
-        solver, again = self.case.solver, False
-        if self.rows and self._refine():  # a checkpoint is written before the body is refined
-            again = True
+        solver, again = self.case.solver, self._refine()  # from a checkpoint: it was written before that
+        while again and not self.rows:
+            again = self._refine()
         while True:
             if solver.in_time:
                 paused = self.solver.run(self.state, self._commit_motion, self._pauses)
@@ -236,7 +236,8 @@ class Simulation:
         if marked is None:
             return False
         mpi, in_time = self.comm.tompi4py(), self.case.solver.in_time
-        mass, time_steps = (self.solver.mass, self.solver.time_steps) if in_time else (None, [])
+        mass = self.solver.mass if in_time else None
+        time_steps = self.solver.time_steps if in_time and self.rows else []
         was = measures(self.particles, self.assembler, self.state, mass)
         damaged = {name: gathered_bonds(mpi, bonds) for name, bonds in self.damaged.items()}
         split = mpi.allreduce(int(marked.sum()))
@@ -249,15 +250,19 @@ class Simulation:
         self._discretise(p, sets, self._blocks * growth, time_steps, refined=True)
         self._blocks *= growth
         self.__dict__.pop("recovery", None)
+        if in_time and not self.rows:
+            state = self.solver.initial  # rather than what was mapped
         self.state = state
-        self.assembler.set_time(state.time)
+        if in_time or self.rows:
+            self.assembler.set_time(state.time)
         if self.fracture:
             bonds = p, self.families, former
             values = (inherited(*bonds, listed, self.case.body.horizon_tolerance) for listed in damaged.values())
             self.fracture.take_over(*values, state.u)
         now = measures(p, self.assembler, state, self.solver.mass if in_time else None)
-        state.mapped += now["stored"] - was["stored"]
-        if in_time:
+        if self.rows:
+            state.mapped += now["stored"] - was["stored"]
+        if in_time and self.rows:
             self.solver.go_on_from(state)
             kinetic = self.solver.kinetic(state)
             state.mapped, state.kinetic = state.mapped + kinetic - state.kinetic, kinetic

@@ -28,9 +28,9 @@ def gradients(
     bonds = families.center, families.offsets, families.neighbours
     mask = np.ones(families.bonds, bool) if intact is None else intact
     _shapes(members, *bonds, mask, p.position, p.volume, whole, left)
-    least = np.linalg.eigvalsh(left)[:, 0] if len(members) else np.empty(0)
-    sound = least >= LEAST_SPAN * (np.linalg.eigvalsh(whole)[:, 0] if len(members) else 1.0)
-    inverse = np.linalg.inv(np.where(sound[:, None, None], left, np.eye(dim)))
+    values, vectors = np.linalg.eigh(left)
+    sound = values[:, 0] >= LEAST_SPAN * np.linalg.eigvalsh(whole)[:, 0]
+    inverse = np.einsum("nik,nk,njk->nij", vectors, 1 / np.where(sound[:, None], values, 1.0), vectors)
     for name, field in fields.items():
         local = np.empty((p.local, dim))
         local[: p.owned] = field

@@ -49,6 +49,8 @@ class Load:
     def __init__(self, site: Site, spec):
         """Args: where and how much; the case's table with the kind's own keys."""
         self.site = site
+        self.steady = "t" not in site.value.names
+        """Whether its values do not depend on the time."""
 
     def add(self, time: float, external: np.ndarray) -> None:
         """Add the forces at a time to the owned (n, dim) external forces."""

@@ -123,6 +123,7 @@ class Traction:
 
     def __init__(self, surface: Surface, axes: tuple[int, ...], value, follower: bool):
         self.surface, self._axes, self._value, self.follower = surface, axes, value, follower
+        self.steady = "t" not in value.names
         points = surface.points
         self._dead, self._pressure = np.zeros_like(points.position), np.zeros(len(points.position))
         dim, bonds = points.position.shape[1], len(points.neighbours)
