@@ -10,6 +10,7 @@ from pdpetsc.body.box import Lattice, box
 from pdpetsc.body.horizons import horizon_field
 from pdpetsc.body.sets import Sets
 from pdpetsc.body.surfaces import on_surface
+from pdpetsc.body.zones import zones_of
 from pdpetsc.bonds import Families
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK, take_census
@@ -27,7 +28,7 @@ def distributed_particles(comm: PETSc.Comm, case: Case) -> Particles:
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
     loaded = _loaded(case)
-    points = box(mpi, body, body.keep, horizon, loaded is not None)
+    points = box(mpi, body, body.keep, horizon, loaded is not None, zones_of(case))
     if loaded:
         facets = points.facets
         with collective(mpi):
@@ -47,7 +48,8 @@ def refinement_of(case: Case) -> Refinement | None:
     """How the body of a case is refined; None: it is not."""
     if case.refinement is None:
         return None
-    lattice = Lattice.of(case.body, case.body.keep, horizon_field(case.body, case.material, case.sets))
+    horizon = horizon_field(case.body, case.material, case.sets)
+    lattice = Lattice.of(case.body, case.body.keep, horizon, zones_of(case))
     return Refinement(case.refinement, lattice, _loaded(case), case.body.horizon_tolerance)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from pdpetsc.body.box import BLOCK, NOTHING_LEFT, Lattice, blocks_of, coordinates
 from pdpetsc.body.horizons import horizon_field
+from pdpetsc.body.zones import zones_of
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
 from pdpetsc.compact import REACH
@@ -138,7 +139,7 @@ class _Survey:
     def __init__(self, case: Case):
         self._case = case
         self._horizon = horizon_field(case.body, case.material, case.sets)
-        self._lattice = Lattice.of(case.body, case.body.keep, self._horizon)
+        self._lattice = Lattice.of(case.body, case.body.keep, self._horizon, zones_of(case))
         self._tolerance = 1 + case.body.horizon_tolerance
         self._reach = 0.0  # largest horizon in the sample, with tolerance
 
@@ -148,7 +149,7 @@ class _Survey:
     def count(self, effort: Effort) -> tuple[int, bool]:
         """The number of particles, and whether it is exact because all cells were looked at."""
         cells, body, most = self._lattice.cells, self._case.body, effort.cells
-        if body.keep is None and body.refine is None:
+        if body.keep is None and body.refine is None and not body.zones:
             return cells, True
 
         def found(index):

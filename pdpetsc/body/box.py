@@ -73,6 +73,7 @@ class Lattice:
         cell: (dim,) widths of a cell [length].
         counts: (dim,) cells in each direction, those of layers included.
         first: (dim,) index of the first cell, less than 0 in a layer; the body's own begin with 0.
+        zones: in which cells are divided, besides what `refine` says (body/zones.py).
     """
 
     body: Any
@@ -80,9 +81,10 @@ class Lattice:
     cell: np.ndarray
     counts: np.ndarray
     first: np.ndarray
+    zones: tuple = ()
 
     @classmethod
-    def of(cls, body, keep, horizon) -> "Lattice":
+    def of(cls, body, keep, horizon, zones: tuple = ()) -> "Lattice":
         """The lattice of a case's `[body]`, with layers as wide as they say in the largest horizon at their face.
 
         Raises:
@@ -96,14 +98,14 @@ class Lattice:
                 f"body.size: {list(body.size)} is not a multiple of the spacing {body.spacing:g}; "
                 f"the nearest lattice has {' x '.join(map(str, inner))} cells of {_widths(cell)}"
             )
-        alone = cls(body, keep, cell, inner + (body.particles == "vertices"), np.zeros_like(inner))
+        alone = cls(body, keep, cell, inner + (body.particles == "vertices"), np.zeros_like(inner), zones)
         _check_number(body, alone.cells)
         extra = np.zeros((len(size), 2), np.int64)
         for face, width in body.layers.items():
             axis, side = FACES[face]
             reach = alone.largest_horizon(face, horizon) if width.in_horizons else 0.0
             extra[axis, side] = layer_rows(width.length(reach), cell[axis])
-        lattice = cls(body, keep, cell, alone.counts + extra.sum(axis=1), -extra[:, 0])
+        lattice = cls(body, keep, cell, alone.counts + extra.sum(axis=1), -extra[:, 0], zones)
         _check_number(body, lattice.cells)
         return lattice
 
@@ -130,16 +132,17 @@ class Lattice:
 
     def divisions(self, index: np.ndarray) -> np.ndarray:
         """Particles along an edge of each cell, as floating-point numbers that may be too large for an integer."""
-        if self.body.refine is None:
-            return np.ones(len(index))
-        position = self.middles(index)
-        values = self.body.refine(**coordinates(position, np.full(len(position), self.spacing)))
+        position, values = self.middles(index), np.ones(len(index))
+        if self.body.refine is not None:
+            values = self.body.refine(**coordinates(position, np.full(len(position), self.spacing)))
         bad = np.flatnonzero(values < 1 - 1e-6)
         if len(bad):
             raise InputError(
                 f"body.refine: is {values[bad[0]]:g} at ({_place(position[bad[0]])}), but a cell has at least 1 "
                 "particle along its edges"
             )
+        for zone in self.zones:
+            values = np.where(zone.reaches(self, position), np.maximum(values, zone.divide), values)
         return np.floor(values + 1e-6)  # 0.3 / 0.1 is 3
 
     def points(
@@ -259,7 +262,7 @@ def blocks_of(count: int) -> Iterator[np.ndarray]:
         yield np.arange(first, min(count, first + BLOCK))
 
 
-def box(comm, body, keep, horizon, facets: bool = False) -> Points:
+def box(comm, body, keep, horizon, facets: bool = False, zones: tuple = ()) -> Points:
     """This rank's share of the particles of a box.
 
     A cell that `body.refine` gives r is cut into r^dim equal ones, r along each edge, with a particle in the middle of
@@ -275,11 +278,12 @@ def box(comm, body, keep, horizon, facets: bool = False) -> Points:
         keep: condition of X, Y, Z, spacing that tells which particles exist, or None.
         horizon: function of (position, spacing) that gives each particle's horizon.
         facets: whether the pieces of the body's surface are wanted as well.
+        zones: as of `Lattice`.
 
     Raises:
         InputError: the body has no particle, its size is no multiple of its spacing, or a cell has no division.
     """
-    lattice = Lattice.of(body, keep, horizon)
+    lattice = Lattice.of(body, keep, horizon, zones)
     if np.any(np.abs(lattice.cell / body.spacing - 1) > 1e-6):
         warn(comm, f"body.size is no multiple of body.spacing: the cells are {_widths(lattice.cell)}")
     first, last = (lattice.cells * rank // comm.size for rank in (comm.rank, comm.rank + 1))

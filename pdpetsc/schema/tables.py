@@ -52,6 +52,14 @@ class Units(Table):
     time: str = "s"
 
 
+class Zone(Table):
+    """Cells near a set are divided."""
+
+    near: SetName
+    within: Positive
+    divide: Annotated[int, Field(ge=2)]
+
+
 class Body(Table):
     """A lattice of particles and what is cut out of it or added around it."""
 
@@ -66,6 +74,7 @@ class Body(Table):
     keep: Condition | None = None
     fitted: bool = False
     refine: formula() | None = None
+    zones: Annotated[tuple[Zone, ...], Strict(False)] = ()
     cracks: Annotated[tuple[Crack, ...], Strict(False)] = ()
     layers: dict[Annotated[str, AfterValidator(known_face)], Annotated[LayerWidth, PlainValidator(layer_width)]] = {}
 
@@ -79,8 +88,9 @@ class Body(Table):
             raise ValueError("a body of three dimensions has no thickness")
         if self.fitted and self.keep is None:
             raise ValueError("fitted = true fits particles to the border of keep, which is not given")
-        if self.particles == "vertices" and self.refine is not None:
-            raise ValueError('refine divides cells, so it goes with particles = "cells"')
+        for key in ("refine", "zones") if self.particles == "vertices" else ():
+            if getattr(self, key):
+                raise ValueError(f'{key} divides cells, so it goes with particles = "cells"')
         return self
 
 

@@ -7,6 +7,7 @@ from petsc4py import PETSc
 
 from pdpetsc.body.border import BORDER
 from pdpetsc.body.box import FACES, box
+from pdpetsc.building import distributed_particles
 from pdpetsc.case import Case
 from pdpetsc.census import take_census
 from pdpetsc.errors import InputError
@@ -18,7 +19,8 @@ pytestmark = pytest.mark.mpi
 def case(**keys):
     sizes = {"size": [1.0, 0.5], "spacing": 0.125, "horizon": 2.015} | keys
     material = {"steel": {"model": "correspondence", "E": 1.0, "nu": 0.25}}
-    return Case.from_document({"body": sizes, "material": material}, "case", None, "case.toml", False)
+    sets = {"rim": "X > 0", "tip": "X > 0"} if "zones" in keys else {}
+    return Case.from_document({"body": sizes, "material": material, "sets": sets}, "case", None, "case.toml", False)
 
 
 def body(**keys):
@@ -88,6 +90,34 @@ def by_hand(cells, division, origin, cell):
             positions.append(low + (np.array(inside[::-1]) + 0.5) * cell / r)
             divisions.append(r)
     return np.array(positions), np.array(divisions)
+
+
+@pytest.mark.parametrize("near", ("rim", "tip"))
+def test_zones_round_sets(comm, near):
+    """Cells near the rim of a hole, or a point, are divided; the finest zone counts, and the same on any ranks."""
+    described = case(
+        size=[4.0, 4.0], spacing=0.25, keep="hypot(X - 2, Y - 2) > 0.9",
+        zones=[{"near": near, "within": 0.8, "divide": 2}, {"near": near, "within": 0.3, "divide": 4}],
+        refine="where(X < 0.5, 3, 1)",
+    ).document  # fmt: skip
+    described["sets"] = {"rim": "hypot(X - 2, Y - 2) < 0.9 + spacing", "tip": {"nearest": [3.0, 2.0]}}
+    built = distributed_particles(PETSc.COMM_WORLD, Case.from_document(described, "case", None, "case.toml", False))
+    X, spacing = built.position[: built.owned], built.spacing[: built.owned]
+    middle = (np.floor(X / 0.25) + 0.5) * 0.25
+    cells = (np.stack(np.meshgrid(*2 * [np.arange(16)]), axis=-1).reshape(-1, 2) + 0.5) * 0.25
+    r = np.linalg.norm(cells - 2, axis=1)
+    members = cells[(r > 0.9) & (r < 1.15)] if near == "rim" else np.array([[3.0, 2.0]])
+    distance = np.linalg.norm(middle[:, None] - members, axis=2).min(axis=1)
+    wanted = np.where(distance <= 0.3, 4, np.where(distance <= 0.8, 2, 1))
+    wanted = np.maximum(wanted, np.where(middle[:, 0] < 0.5, 3, 1))
+    assert np.array_equal(np.rint(0.25 / spacing), wanted)
+
+
+def test_a_zone_round_nothing():
+    described = case(size=[4.0, 4.0], zones=[{"near": "rim", "within": 0.8, "divide": 2}]).document
+    described["sets"] = {"rim": "X > 5"}
+    with pytest.raises(InputError, match=r"body\.zones: no undivided cell lies in the set 'rim'"):
+        distributed_particles(PETSc.COMM_WORLD, Case.from_document(described, "case", None, "case.toml", False))
 
 
 @pytest.mark.parametrize("dim", (1, 2, 3))
