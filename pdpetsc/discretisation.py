@@ -75,7 +75,7 @@ class Discretisation:
                 )
         if case.solver.in_time:
             self.fracture = self._fracture()
-            self.solver = Transient(case, self.assembler, sets, self.fracture, blocks, time_steps)
+            self.solver = Transient(case, self.assembler, sets, self.fracture, blocks, time_steps, refined)
             self._try_loads(0.0, self.solver.steps.end)
         else:
             schedule = schedule_of(case.solver)

@@ -65,7 +65,7 @@ def component(values: np.ndarray, name: str) -> np.ndarray:
     """One component (n,) of a vector ("x") or tensor ("xy") field, its "magnitude" (Frobenius norm), or "von_mises" or
     a principal value ("1") of a tensor."""
     if name == "magnitude":
-        return np.sqrt((values.reshape(len(values), -1) ** 2).sum(axis=1))
+        return np.sqrt((values**2).sum(axis=tuple(range(1, values.ndim))))
     if name == "von_mises":
         return von_mises(values)
     if name in PRINCIPAL:

@@ -91,7 +91,10 @@ class Simulation:
             self._refinement = refinement_of(case)
             self.refinements = kept.get("refinements", [])
             if self.refinements:
+                first = particles.count
                 particles, sets = read_particles(checkpoint, particles, sets, case.body.horizon_tolerance)
+                self._blocks = blocks = blocks * particles.count / first
+        self._unsolved = kept.get("unsolved", False)
         time_steps = [TimeSteps(**steps) for steps in kept.get("time_steps", [])]
         self._discretise(particles, sets, blocks, time_steps, refined=False)
         in_time = case.solver.in_time
@@ -169,6 +172,7 @@ class Simulation:
         c = self.case
         origin = {"name": c.name, "variant": c.variant, "path": c.path, "overridden": c.overridden}
         kept = {"case": {"document": c.document} | origin, "rows": self.rows, "refinements": self.refinements}
+        kept |= {"unsolved": self._unsolved}
         return kept | ({"time_steps": [asdict(s) for s in self.solver.time_steps]} if c.solver.in_time else {})
 
     def solve(self) -> str:
@@ -202,30 +206,32 @@ class Simulation:
 
     def _solve(self) -> str:
         """March to the end, and refine the body on the way."""
-        solver, again = self.case.solver, self._refine()  # from a checkpoint: it was written before that
-        while again and not self.rows:
-            again = self._refine()
+        solver = self.case.solver
+        refined = self._refine()  # at a checkpoint: it was written before that
+        while refined and not self.rows:
+            refined = self._refine()
         while True:
             if solver.in_time:
-                paused = self.solver.run(self.state, self._commit_motion, self._pauses)
+                paused = self.solver.run(self.state, self._commit_motion, lambda state: self._marked(state) is not None)
                 status = "paused" if paused else "converged"
             elif solver.control == "load":
-                status = march(self.passes, self.state, self.schedule, self._commit, self._failed, again)
+                status = march(self.passes, self.state, self.schedule, self._commit, self._failed, self._unsolved)
             else:
                 return follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
             if status != "paused":
                 return status
-            again = self._refine()
-
-    def _pauses(self, state: State) -> bool:
-        """Whether the body is to be refined at the state (collective)."""
-        return self._marked(state) is not None
+            self._refine()
 
     def _marked(self, state: State) -> np.ndarray | None:
         """Mask of the particles that are to be split at the state, None where there are none (collective)."""
         every = self._refinement and (self.case.refinement.every or (EVERY if self.case.solver.in_time else 1))
-        if not every or state.step % every or self.separated:
+        in_time = self.case.solver.in_time
+        if not every or state.step % every or self.separated or (in_time and self.schedule.finished(state.time)):
             return None
+        if not self.rows and in_time:
+            self.assembler.set_time(0.0)
+        elif not self.rows:
+            self.assembler.unload()
         recovery = Recovery(self.assembler, state.u, self._problem.reached, state.v)
         marked = self._refinement.marked(self.particles, self.families, recovery, state.time)
         return marked if self.comm.tompi4py().allreduce(int(marked.sum())) else None
@@ -242,9 +248,12 @@ class Simulation:
         damaged = {name: gathered_bonds(mpi, bonds) for name, bonds in self.damaged.items()}
         split = mpi.allreduce(int(marked.sum()))
         intact = self.fracture.intact if self.fracture else None
-        p, sets, state = self._refinement.refined(
+        refined = self._refinement.refined(
             self.particles, self._problem.sets, self.families, intact, marked, self.state, mass
         )
+        if refined is None:
+            return False
+        p, sets, state = refined
         former = before(p)
         growth = p.count / self.particles.count
         self._discretise(p, sets, self._blocks * growth, time_steps, refined=True)
@@ -255,6 +264,9 @@ class Simulation:
         self.state = state
         if in_time or self.rows:
             self.assembler.set_time(state.time)
+        if in_time:
+            state.u = np.where(self.assembler.constrained, self.assembler.prescribed, state.u)
+        self._unsolved = bool(self.rows) and not in_time
         if self.fracture:
             bonds = p, self.families, former
             values = (inherited(*bonds, listed, self.case.body.horizon_tolerance) for listed in damaged.values())
@@ -276,7 +288,7 @@ class Simulation:
     def _commit(self, state: State, record: StepRecord) -> bool:
         """Take a state over; whether the body is to be refined at it."""
         self.__dict__.pop("recovery", None)
-        self.state = state
+        self.state, self._unsolved = state, False
         last, iterations = record.passes[-1], [newton.newton_iterations for newton in record.passes]
         scale = last.residual_scale
         along = {} if self.case.solver.control == "load" else {"arc_length": record.arc_length}
@@ -312,7 +324,7 @@ class Simulation:
         )
         for observer in self.observers:
             observer.step(self)
-        return self._pauses(state)
+        return self._marked(state) is not None
 
     def _commit_motion(self, state: State) -> None:
         self.__dict__.pop("recovery", None)

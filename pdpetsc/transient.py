@@ -43,6 +43,7 @@ class Transient:
         fracture: the bonds; None: they do not fail.
         blocks: about how many the assembled tangent has.
         earlier: the time steps so far, where the body has been refined or is that of a checkpoint.
+        refined: whether the body was a coarser one before, so that a given step may be too long.
 
     Attributes:
         mass: (owned,) of the particles.
@@ -52,9 +53,9 @@ class Transient:
 
     def __init__(
         self, case, assembler: Assembler, sets: Sets, fracture: Fracture | None, blocks: float,
-        earlier: list[TimeSteps],
+        earlier: list[TimeSteps], refined: bool = False,
     ):  # fmt: skip
-        self._case, self._assembler, self._fracture = case, assembler, fracture
+        self._case, self._assembler, self._fracture, self._refined = case, assembler, fracture, refined
         p = assembler.particles
         self.mass = np.zeros(p.owned)
         for table, material in zip(case.material.values(), assembler.materials):
@@ -119,7 +120,7 @@ class Transient:
         size = SAFETY * stable
         if given:
             size = solver.time_step or solver.end_time / solver.steps
-            size = min(size, SAFETY * stable) if explicit and state.step else size  # refined bodies need shorter ones
+            size = min(size, SAFETY * stable) if explicit and self._refined else size
         if not math.isfinite(size):
             raise InputError("solver.time_step: nothing in the body moves freely, so that no step can be estimated")
         left = solver.end_time - state.time

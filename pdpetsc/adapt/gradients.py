@@ -7,6 +7,9 @@ from pdpetsc.bonds import Families
 from pdpetsc.fracture import LEAST_SPAN
 from pdpetsc.particles import Particles
 
+FLAT = 1e-10
+"""Ratio of a shape tensor's eigenvalues at which it does not span the space."""
+
 
 def gradients(
     p: Particles, families: Families, intact: np.ndarray | None, chosen: np.ndarray, fields: dict[str, np.ndarray]
@@ -29,7 +32,7 @@ def gradients(
     mask = np.ones(families.bonds, bool) if intact is None else intact
     _shapes(members, *bonds, mask, p.position, p.volume, whole, left)
     values, vectors = np.linalg.eigh(left)
-    sound = values[:, 0] >= LEAST_SPAN * np.linalg.eigvalsh(whole)[:, 0]
+    sound = (values[:, 0] >= LEAST_SPAN * np.linalg.eigvalsh(whole)[:, 0]) & (values[:, 0] > FLAT * values[:, -1])
     inverse = np.einsum("nik,nk,njk->nij", vectors, 1 / np.where(sound[:, None], values, 1.0), vectors)
     for name, field in fields.items():
         local = np.empty((p.local, dim))

@@ -2,7 +2,8 @@
 
 The neighbourhood of a marked particle holds all that it sees and all that see it, so that a crack's tip stays inside
 the refined zone (seed 002 section 5.3). A particle is split only together with every coarser one in its neighbourhood:
-then no two that see each other differ by more than a factor of two.
+then no two that have seen each other differ by more than a factor of two. (One at the rim of a coarse horizon may come
+to be seen by its parts alone.)
 """
 
 import numpy as np

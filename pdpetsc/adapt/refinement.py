@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from petsc4py import PETSc
 
 from pdpetsc.adapt.gradients import gradients
 from pdpetsc.adapt.marking import neighbourhood, with_coarser
@@ -11,12 +12,13 @@ from pdpetsc.adapt.splitting import split
 from pdpetsc.body.box import Lattice, coordinates
 from pdpetsc.body.sets import Sets
 from pdpetsc.bonds import Families
+from pdpetsc.errors import InputError
 from pdpetsc.particles import Particles, Points, distribute
 from pdpetsc.quantities import scalar
 from pdpetsc.recover import Recovery
 from pdpetsc.state import State
 
-FIELDS = ("u", "v", "increment")
+FIELDS = ("u", "v")
 """Of the state, that go over by their gradients."""
 
 BEFORE = ("id", "position", "horizon")
@@ -69,8 +71,9 @@ class Refinement:
         marked: np.ndarray,
         state: State,
         mass: np.ndarray | None,
-    ) -> tuple[Particles, Sets, State]:
-        """The body with the marked particles split, its sets and its state (collective).
+    ) -> tuple[Particles, Sets, State] | None:
+        """The body with the marked particles split, its sets and its state; None where no particle can be split, too
+        little of a fitted body being in its cell (collective).
 
         Its particles carry what their bonds were known by, as `was_id`, `was_position` and `was_horizon`.
 
@@ -78,6 +81,9 @@ class Refinement:
             families: of the body; intact: mask of the bonds that have not failed, None: all.
             marked: mask (owned,).
             mass: (owned,) of each particle; None: nothing moves.
+
+        Raises:
+            InputError: PETSc's integers are too small for as many unknowns.
         """
         fields = {name: getattr(state, name) for name in FIELDS if getattr(state, name) is not None}
         slopes = gradients(p, families, intact, marked, fields)
@@ -88,6 +94,11 @@ class Refinement:
         if mass is not None:
             carried["density"] = mass / p.volume[: p.owned]
         points = split(self.lattice, p, marked, fields, slopes, carried, self.chosen)
+        count = p.comm.tompi4py().allreduce(len(points.id))
+        if count == p.count:
+            return None
+        if count * p.dim > np.iinfo(PETSc.IntType).max:
+            raise InputError(f"refinement: makes {count:.3g} particles, more than this PETSc's integers can number")
         new = points.id != points.carried["was_id"]
         points.carried["parent"] = np.where(new, points.carried["was_id"], points.carried["parent"])
         if mass is not None:

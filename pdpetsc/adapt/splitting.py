@@ -78,7 +78,7 @@ def split(
         carried=moved | {name: values[origin] for name, values in carried.items()},
     )
     if chosen is not None:
-        points.facets = _facets(lattice, p, points, parts, divided, middle, width, len(stay), chosen)
+        points.facets = _facets(lattice, p, points, parts, parent, child, divided, middle, width, chosen)
     return points
 
 
@@ -96,22 +96,34 @@ def _ids(p: Particles, count: np.ndarray, child: np.ndarray) -> np.ndarray:
     return np.where(number == 0, p.id[child], first[child] + number - 1)
 
 
-def _facets(lattice, p: Particles, points: Points, parts, divided, middle, width, stay: int, chosen) -> Facets:
+def _facets(lattice, p: Particles, points: Points, parts, parent, child, divided, middle, width, chosen) -> Facets:
     """Pieces of surface: those of particles that stay, those of the parts, and those that split particles had adopted,
-    which go to the nearest part; their parents are ids."""
-    old = p.facets
+    which go to the nearest part; their parents are ids.
+
+    Args:
+        parent: the particle that each of the parts was made from, child: of those that are kept.
+    """
+    old, stay = p.facets, len(points.id) - len(child)
     inside = np.abs(old.position - middle[old.parent]) <= (0.5 + OWN) * width[old.parent]
     whole = ~divided[old.parent]
     kept = old.chosen(whole)
     kept.parent = p.id[kept.parent]
     new, homeless = lattice.facets(parts), old.chosen(~whole & ~inside.all(axis=1))
-    for facets, orphan in ((new, new.parent < 0), (homeless, np.ones(len(homeless), bool))):
-        if orphan.any():
-            from scipy.spatial import cKDTree  # slow to import, and rarely needed
-
-            facets.parent[orphan] = cKDTree(points.position[stay:]).query(facets.position[orphan])[1]
+    orphan = new.parent < 0
+    new.parent[orphan] = _nearest(new.position[orphan], parent[-1 - new.parent[orphan]], points.position[stay:], child)
+    homeless.parent = _nearest(homeless.position, homeless.parent, points.position[stay:], child)
     new = new.chosen(chosen(new, points.spacing[stay:][new.parent]))
     new, homeless = (
         Facets(points.id[stay:][facets.parent], facets.face, facets.position, facets.area) for facets in (new, homeless)
     )
     return Facets.joined([kept, new, homeless])
+
+
+def _nearest(position: np.ndarray, family: np.ndarray, others: np.ndarray, families: np.ndarray) -> np.ndarray:
+    """The nearest of other positions (m, dim) to each of these (n, dim) that is of the same family (m,), (n,)."""
+    if not len(position):
+        return np.empty(0, np.int64)
+    from scipy.spatial import cKDTree  # slow to import, and rarely needed
+
+    apart = 4 * np.ptp(np.concatenate([position, others]), axis=0).sum()
+    return cKDTree(np.column_stack([others, apart * families])).query(np.column_stack([position, apart * family]))[1]

@@ -212,10 +212,10 @@ class Lattice:
 
     def facets(self, parts: "Parts") -> Facets:
         """The sides of kept parts on the sides of the lattice, and the pieces of surface in cut ones; the parent is
-        the number among the kept ones, -1 where too little of a part is inside for a particle."""
+        the number among the kept ones, -1 - row where too little of a part is inside for a particle."""
         dim, thickness = self.dim, self.body.thickness
         low, high, cut = parts.low, parts.high, parts.cut
-        number = np.where(parts.kept, np.cumsum(parts.kept) - 1, -1)
+        number = np.where(parts.kept, np.cumsum(parts.kept) - 1, -1 - np.arange(len(parts.kept)))
         parents, codes, points, areas = [], [], [], []
         for face, (axis, side) in FACES.items():
             if axis >= dim:

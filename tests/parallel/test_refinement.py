@@ -316,6 +316,66 @@ def test_hysteresis_and_rings():
     assert count(beside="abs(X - 30) < 2") == 42
 
 
+NEEDLE = "(X < 6.6) or (Y > 3 and Y < 4 and X < 7.15 and abs(Y - 3.5 + 0.3 * (X - 6.5)) < 0.075)"
+
+
+@pytest.mark.parametrize("mode", ("newton", "verlet"))
+def test_what_cannot_be_split_stays(mode):
+    """A particle with too little of the body in its cell: the run goes on without it."""
+    described = document(2, {"where": "X > 7", "rings": 0, "every": 1})
+    described["body"] = described["body"] | {"size": [16.0, 8.0], "keep": NEEDLE, "fitted": True}
+    described["sets"] = {"left": "X < 2", "right": "X > 5.5"}
+    if mode == "verlet":
+        described |= {"solver": {"mode": "verlet", "end_time": 2.0, "steps": 10}}
+    built = solved(described)
+    assert built.refinements == [] and built.particles.count == simulation(described).particles.count
+
+
+def test_a_single_row(comm):
+    """Has no gradient across: fields go over as they are in that direction."""
+    described = moving(2, {"where": "abs(X - 8) < 1 and t > 1", "every": 5})
+    described["body"] = described["body"] | {"size": [16.0, 1.0]}
+    described["material"]["steel"] = {"model": "bond", "E": 1.0, "plane": "stress", "density": 1.0}
+    built = solved(described)
+    assert built.refinements and np.isfinite(built.state.u).all()
+
+
+def test_given_steps_that_are_too_long():
+    """For a body that is refined before the first step they are made shorter, too; at the end nothing is refined."""
+    described = moving(2, {"where": "X > 8", "levels": 2})
+    described["solver"] = {"mode": "verlet", "end_time": 20.0, "steps": 40}
+    built = solved(described)
+    steps = built.solver.steps
+    assert steps.size <= 0.9 * steps.stable < 0.5
+    assert built._marked(built.state) is None
+
+
+def test_more_ranks_than_particles():
+    """Whatever the condition asks for."""
+    line = document(1)
+    line["body"] = line["body"] | {"size": [3.0], "horizon": 1.2}
+    line["sets"] = {"left": "X < 1", "right": "X > 2"}
+    fields = " or ".join(f"{name} > 1e9" for name in ("u", "F", "stress", "strain", "reaction", "principal", "damage"))
+    assert solved(line | {"refinement": {"where": f"X > 2 or {fields}"}}).particles.count > 3
+
+
+def test_loads_at_the_start():
+    """Are those of the start."""
+    described = moving(2, {"where": "force > 0", "rings": 0, "every": 1000})
+    described["load"] = [{"kind": "body_force", "set": "right", "component": "x", "value": "1e-3 * t"}]
+    assert solved(described).refinements == []
+
+
+def test_supports_hold_what_is_split(comm):
+    """Parts of held particles are where the support has them; the balance of energies knows."""
+    described = moving(2, {"where": "X < 5 and t > 5", "rings": 0})
+    described["load"] = [{"kind": "displacement", "set": "left", "component": "all", "value": 0.0}]
+    described["initial"] = [{"component": "x", "displacement": "5e-2 * X"}]
+    built = solved(described)
+    energies = built.solver.energies(built.state)
+    assert built.refinements and abs(energies["imbalance"]) < 2e-3 * energies["brought"]
+
+
 @pytest.mark.parametrize(("change", "message"), [
     ({"body": {"size": [16.0, 8.0], "spacing": 1.0, "horizon": 2.015, "particles": "vertices"}},
      'body.particles = "cells"'),
