@@ -11,8 +11,6 @@ import h5py
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pdpetsc.io.fields import body_of, written_steps
-
 DATA = Path(__file__).parent / "data"
 
 
@@ -149,8 +147,9 @@ class HoleLine:
 
     def __init__(self, directory: Path, b: float):
         with h5py.File(directory / "fields.h5") as file:
-            step = written_steps(file)[-1]
-            body, last = body_of(file, int(step)), file[step]
+            last = file[max((name for name in file if name.isdigit()), key=int)]
+            refined = file.get("refined", {})  # no import of the package, which starts MPI
+            body = f"refined/{max(refined, key=int)}/" if len(refined) else ""
             X, spacing, horizon = (file[body + name][...] for name in ("position", "spacing", "horizon"))
             u, stress, flux = (last[name][...] for name in ("u", "stress", "peridynamic_stress"))
         near = np.flatnonzero((np.abs(X[:, 1]) < 0.75 * spacing) & (X[:, 0] > 0.05))
