@@ -207,12 +207,11 @@ class Simulation:
     def _solve(self) -> str:
         """March to the end, and refine the body on the way."""
         solver = self.case.solver
-        refined = self._refine()  # at a checkpoint: it was written before that
-        while refined and not self.rows:
-            refined = self._refine()
+        while self._mark(self.state) and self._refine() and not self.rows:
+            pass  # at the start; a checkpoint was written before that, and goes on with one refinement
         while True:
             if solver.in_time:
-                paused = self.solver.run(self.state, self._commit_motion, lambda state: self._marked(state) is not None)
+                paused = self.solver.run(self.state, self._commit_motion, self._mark)
                 status = "paused" if paused else "converged"
             elif solver.control == "load":
                 status = march(self.passes, self.state, self.schedule, self._commit, self._failed, self._unsolved)
@@ -222,34 +221,31 @@ class Simulation:
                 return status
             self._refine()
 
-    def _marked(self, state: State) -> np.ndarray | None:
-        """Mask of the particles that are to be split at the state, None where there are none (collective)."""
+    def _mark(self, state: State) -> bool:
+        """Mark the particles that are to be split at the state; whether there are any (collective)."""
         every = self._refinement and (self.case.refinement.every or (EVERY if self.case.solver.in_time else 1))
         in_time = self.case.solver.in_time
         if not every or state.step % every or self.separated or (in_time and self.schedule.finished(state.time)):
-            return None
+            return False
         if not self.rows and in_time:
             self.assembler.set_time(0.0)
         elif not self.rows:
             self.assembler.unload()
         recovery = Recovery(self.assembler, state.u, self._problem.reached, state.v)
-        marked = self._refinement.marked(self.particles, self.families, recovery, state.time)
-        return marked if self.comm.tompi4py().allreduce(int(marked.sum())) else None
+        self._marked = self._refinement.marked(self.particles, self.families, recovery, state.time)
+        return self.comm.tompi4py().allreduce(int(self._marked.sum())) > 0
 
     def _refine(self) -> bool:
-        """Refine the body at the committed state, where that is called for; whether it was (collective)."""
-        marked = self._marked(self.state)
-        if marked is None:
-            return False
+        """Split the marked particles at the committed state; whether any could be (collective)."""
         mpi, in_time = self.comm.tompi4py(), self.case.solver.in_time
         mass = self.solver.mass if in_time else None
         time_steps = self.solver.time_steps if in_time and self.rows else []
         was = measures(self.particles, self.assembler, self.state, mass)
         damaged = {name: gathered_bonds(mpi, bonds) for name, bonds in self.damaged.items()}
-        split = mpi.allreduce(int(marked.sum()))
+        split = mpi.allreduce(int(self._marked.sum()))
         intact = self.fracture.intact if self.fracture else None
         refined = self._refinement.refined(
-            self.particles, self._problem.sets, self.families, intact, marked, self.state, mass
+            self.particles, self._problem.sets, self.families, intact, self._marked, self.state, mass
         )
         if refined is None:
             return False
@@ -324,7 +320,7 @@ class Simulation:
         )
         for observer in self.observers:
             observer.step(self)
-        return self._marked(state) is not None
+        return self._mark(state)
 
     def _commit_motion(self, state: State) -> None:
         self.__dict__.pop("recovery", None)

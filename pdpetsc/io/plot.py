@@ -116,7 +116,7 @@ def read_frame(file: h5py.File, step: str, field: str) -> Frame:
 
 
 def _time(summary: dict, step: str) -> float:
-    return next(row["time"] for row in summary["steps"] if row.get("step", int(step)) == int(step))
+    return next(row["time"] for row in summary["steps"] if row["step"] == int(step))
 
 
 def _range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:

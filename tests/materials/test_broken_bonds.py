@@ -63,7 +63,7 @@ def test_broken_bonds_carry_nothing(row, dim):
     assert np.array_equal(force(material, u), f)
     material.set_bonds(np.ones(material.families.bonds, bool))
     whole = row.build(body.neighbourhood(), body.young)
-    assert np.array_equal(force(material, u), force(whole, u))
+    assert np.allclose(force(material, u), force(whole, u), rtol=1e-13, atol=1e-15)  # constants found twice: rounding
 
 
 @pytest.mark.parametrize("dim", (2, 3))

@@ -144,7 +144,7 @@ def test_the_pictures_show_each_spacing(tmp_path):
             group = file.create_group("00001")
             group["u"], group["F"] = 0.01 * X, np.tile(np.eye(3).ravel(), (len(X), 1))
         units = {"length": "mm", "force": "N", "time": "s"}
-        summary = {"dim": dim, "units": units, "title": "", "case": "a_case", "steps": [{"time": 1.0}]}
+        summary = {"dim": dim, "units": units, "title": "", "case": "a_case", "steps": [{"step": 1, "time": 1.0}]}
         plot_result(tmp_path, summary, "u", "result")
         assert (tmp_path / "result.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
@@ -164,7 +164,7 @@ def test_pictures(tmp_path, dim, field):
             group[field] = np.ones((n, 3 ** QUANTITIES[field].rank)[: 1 + bool(QUANTITIES[field].rank)])
     summary = {
         "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
-        "steps": [{"time": 1.0}],
+        "steps": [{"step": 3, "time": 1.0}],
     }  # fmt: skip
     plot_result(tmp_path, summary, field, "result")
     picture = (tmp_path / "result.png").read_bytes()
