@@ -12,16 +12,19 @@ from mpi4py import MPI
 from pdpetsc import __version__, case, parallel
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.expressions import hint
+from pdpetsc.io.view import View, section
 
 DEFAULT_CASE = "clamped_beam"
-COMMANDS = ("run", "check", "list", "restart", "plot")
+COMMANDS = ("run", "check", "list", "restart", "plot", "report")
 HELP = f"""\
 pdpetsc {__version__}: implicit peridynamics in parallel, on PETSc
 
   pdpetsc [run] [CASE] [--out DIR] [--set key=value ...] [--quiet] [PETSc options]
   pdpetsc check [CASE] [--set key=value ...] [--ranks N] [PETSc options]
   pdpetsc restart DIR [--quiet] [PETSc options]
-  pdpetsc plot DIR [--field NAME] [--animate]
+  pdpetsc plot DIR [--field NAME] [--component xx] [--step N] [--section x=0.05] [--animate]
+  pdpetsc plot DIR --curve [X Y] | --convergence
+  pdpetsc report DIR
   pdpetsc list
 
 CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT for a variant
@@ -31,7 +34,12 @@ CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT fo
   --set key=value   override one entry of the case: body.spacing=0.01, load.0.value="-1e-4 * t"
   --ranks N         check: on how many ranks the case would run (default: as many as there are)
   --field NAME      plot: what colours DIR/NAME.png, as u, damage, stress (default: as in the case)
+  --component NAME  plot: x, xx, magnitude, von_mises, 1 (principal value) ... of the field
+  --step N          plot: a step of the field file (default: the last)
+  --section x=0.05  plot: a body of three dimensions cut open
   --animate         plot: all steps of the field file, as DIR/NAME.gif
+  --curve [X Y]     plot: a column of history.csv over another, as DIR/curve.png (default: as in the case)
+  --convergence     plot: residuals of Newton's method, as DIR/convergence.png
   --quiet           print warnings and errors only
   --version         print the version
   -h, --help        print this text; -help is PETSc's own
@@ -45,7 +53,8 @@ Examples:
   mpirun -n 4 python -m pdpetsc plate.toml -snes_monitor -ksp_type cg -pc_type gamg
   pdpetsc check plate.toml --ranks 64              would it fit?
   pdpetsc restart results/plate                    go on from the last checkpoint
-  pdpetsc plot results/plate --field damage --animate
+  pdpetsc plot results/plate --field stress --component xx
+  pdpetsc report results/plate                     all of a result on one page, report.html
 
 Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
 4 an expectation missed."""
@@ -60,7 +69,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `ranks`,
-    `field`, `animate`, `quiet`.
+    what is drawn (`PICTURES`), `quiet`.
 
     Raises:
         InputError: The command line makes no sense.
@@ -71,7 +80,12 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="key=value")
     parser.add_argument("--ranks", type=int)
     parser.add_argument("--field")
+    parser.add_argument("--component")
+    parser.add_argument("--step", type=int)
+    parser.add_argument("--section", type=section)
     parser.add_argument("--animate", action="store_true")
+    parser.add_argument("--curve", nargs="*", metavar="column")
+    parser.add_argument("--convergence", action="store_true")
     parser.add_argument("--quiet", action="store_true")
     parser.add_argument("--version", action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
@@ -92,10 +106,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         )
     if len(words) > known:
         raise InputError(f"more than one case: {', '.join(words)}")
-    if request.command in ("restart", "plot") and not words:
+    if request.command in ("restart", "plot", "report") and not words:
         raise InputError(f"{request.command} needs the directory of an earlier result")
-    if request.command != "plot" and (request.field or request.animate):
-        raise InputError("--field and --animate go with plot; a run's picture is that of output.picture in the case")
+    _check_picture(request)
     if not takes_case and (request.out or request.overrides):
         raise InputError(f"{request.command} takes neither --out nor --set")
     if request.command == "check" and request.out:
@@ -104,6 +117,23 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         raise InputError("--ranks is a positive number of ranks and goes with check; a run is on those of mpirun -n")
     request.operand = words[0] if words else DEFAULT_CASE
     return request
+
+
+PICTURES = {"field": None, "component": None, "step": None, "section": None, "animate": False}
+"""What is drawn of a body, and what is where it is not given."""
+
+
+def _check_picture(request: argparse.Namespace) -> None:
+    of_body = [name for name, default in PICTURES.items() if getattr(request, name) != default]
+    instead = ["curve"] * (request.curve is not None) + ["convergence"] * request.convergence
+    if request.command != "plot" and (given := of_body + instead):
+        raise InputError(f"--{given[0]} goes with plot; a run's picture is that of output.picture in the case")
+    if len(instead) > 1 or (instead and of_body):
+        raise InputError(f"--{instead[0]} does not go with --{(instead[1:] + of_body)[0]}: one picture at a time")
+    if request.curve and len(request.curve) != 2:
+        raise InputError("--curve takes two columns of history.csv, x and y, or none, and stands behind the directory")
+    if request.animate and request.step is not None:
+        raise InputError("--animate draws all steps, so it does not go with --step")
 
 
 def petsc_defaults(arguments: list[str]) -> Mapping:
@@ -158,7 +188,12 @@ def _do(request: argparse.Namespace, comm) -> int:
     elif request.command == "plot":
         from pdpetsc import driver
 
-        return driver.plot(Path(request.operand), request.field, request.animate)
+        view = View(request.field, request.component, request.step, request.section)
+        return driver.plot(Path(request.operand), view, request.animate, request.curve, request.convergence)
+    elif request.command == "report":
+        from pdpetsc import driver
+
+        return driver.report(Path(request.operand))
     else:
         with parallel.collective(comm):
             chosen = case.load(request.operand, request.overrides)

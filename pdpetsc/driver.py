@@ -13,13 +13,18 @@ from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io import tables
 from pdpetsc.io.checkpoint import CHECKPOINT, read_description
-from pdpetsc.io.plot import animate_result, plot_curve, plot_result
+from pdpetsc.io.curves import plot_convergence, plot_curve
+from pdpetsc.io.plot import animate_result, plot_result
+from pdpetsc.io.report import write_report
+from pdpetsc.io.view import View
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
 from pdpetsc.parallel import collective, say, warn
-from pdpetsc.prediction import check_fits, predict, report
+from pdpetsc.prediction import check_fits, predict
+from pdpetsc.prediction import report as report_of
 from pdpetsc.simulation import Simulation
 from pdpetsc.summary import summary_of
+from pdpetsc.units import labels_of_history
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
@@ -60,24 +65,59 @@ def restart(directory: Path, quiet: bool = False) -> int:
     return _finish(simulation, directory, quiet)
 
 
-def plot(directory: Path, field: str | None, animate: bool) -> int:
-    """Draw a field of a result, its last step or all of them moving; the exit code of the command line.
+def plot(
+    directory: Path, view: View, animate: bool = False, curve: list[str] | None = None, convergence: bool = False
+) -> int:
+    """Draw a result: a field of a step or of all of them moving, a curve, or how Newton's method converged; the exit
+    code of the command line.
 
     Args:
         directory: of the result.
-        field: of `quantities`; None: as the case says.
+        view: what is seen of the body; without a field, that of `output.picture`.
         animate: whether all steps are drawn.
+        curve: two columns of history.csv, x and y, one over the other instead of the body; [] as `output.curve` says.
+        convergence: whether residuals are drawn instead of the body.
 
     Raises:
-        InputError: there is no such result or field.
+        InputError: there is no such result, field or column.
     """
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
         if comm.rank == 0:
             summary = tables.read_summary(directory)
-            field = field or load(str(directory / "case.toml")).output.picture
-            draw = animate_result if animate else plot_result
-            say(comm, f"{draw(directory, summary, field, field)}")
+            title = summary["title"] or summary["case"]
+            if convergence:
+                path = plot_convergence(directory, title, summary["steps"])
+            elif curve is not None:
+                path = _plot_curve(directory, title, summary, curve)
+            else:
+                view = view._replace(field=view.field or load(str(directory / "case.toml")).output.picture)
+                path = (animate_result if animate else plot_result)(directory, summary, view, view.name)
+            say(comm, f"{path}")
+    return 0
+
+
+def _plot_curve(directory: Path, title: str, summary: dict, axes: list[str]) -> Path:
+    """The curve of two columns, or that of the case."""
+    document = tables.read_case(directory)
+    chosen = document.get("output", {}).get("curve")
+    if not axes and not chosen:
+        raise InputError("--curve: the case has no output.curve; name two columns of history.csv, x and y")
+    x, y = axes or (chosen["x"], chosen["y"])
+    labels = labels_of_history(document, summary["units"], tables.in_time(summary))
+    return plot_curve(directory, title, tables.read_history(directory), x, y, labels)
+
+
+def report(directory: Path) -> int:
+    """Write the report of a result, one page that stands alone; the exit code of the command line.
+
+    Raises:
+        InputError: there is no such result.
+    """
+    comm = PETSc.COMM_WORLD
+    with collective(comm.tompi4py()):
+        if comm.rank == 0:
+            say(comm, f"{write_report(directory)}")
     return 0
 
 
@@ -97,7 +137,7 @@ def check(case: Case, ranks: int | None = None) -> int:
         prediction = predict(case, ranks or comm.size)
     available = available_memory()
     say(comm, f"{case.title or case.name}  ({case.path})")
-    say(comm, report(prediction, case.units, available))
+    say(comm, report_of(prediction, case.units, available))
     try:
         check_fits(prediction, available and available / prediction.ranks)
     except InputError as error:
@@ -173,7 +213,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     if comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)
         if simulation.rows:
-            _plot(comm, out, summary, simulation.rows, case.output)
+            _plot(comm, out, summary, case.output)
     comm.tompi4py().Barrier()
     if not quiet:
         _report(comm, summary, out)
@@ -184,12 +224,12 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     return 0 if case.overridden or all(e["met"] for e in summary["expect"]) else 4
 
 
-def _plot(comm, out: Path, summary: dict, rows: list[dict], output) -> None:
+def _plot(comm, out: Path, summary: dict, output) -> None:
     """The pictures; a run is not lost for want of them."""
     try:
-        plot_result(out, summary, output.picture, "result")
+        plot_result(out, summary, View(output.picture), "result")
         if output.curve:
-            plot_curve(out, summary["title"] or summary["case"], rows, output.curve.x, output.curve.y)
+            _plot_curve(out, summary["title"] or summary["case"], summary, [])
     except Exception as error:
         warn(comm, f"a picture was not made: {error}")
 

@@ -22,6 +22,7 @@ class Quantity(NamedTuple):
         components: what its entries are called where they do not go by the axes.
         invariants: further numbers that follow from a tensor: "von_mises", principal values.
         cheap: whether it is written where a case does not say what is.
+        noun: what its components are components of, where that is not the label.
     """
 
     rank: int
@@ -30,23 +31,29 @@ class Quantity(NamedTuple):
     components: tuple[str, ...] = ()
     invariants: tuple[str, ...] = ()
     cheap: bool = True
+    noun: str = ""
 
 
 QUANTITIES = {
-    "u": Quantity(1, "displacement |u|", "{length}"),
-    "v": Quantity(1, "velocity |v|", "{length}/{time}", cheap=False),
-    "F": Quantity(2, "deformation gradient |F - I|"),
-    "stress": Quantity(2, "von Mises stress", PRESSURE, invariants=("von_mises", *PRINCIPAL)),
-    "strain": Quantity(2, "logarithmic strain |e|", invariants=PRINCIPAL),
+    "u": Quantity(1, "displacement |u|", "{length}", noun="displacement"),
+    "v": Quantity(1, "velocity |v|", "{length}/{time}", cheap=False, noun="velocity"),
+    "F": Quantity(2, "deformation gradient |F - I|", noun="deformation gradient"),
+    "stress": Quantity(2, "von Mises stress", PRESSURE, invariants=("von_mises", *PRINCIPAL), noun="stress"),
+    "strain": Quantity(2, "logarithmic strain |e|", invariants=PRINCIPAL, noun="logarithmic strain"),
     "energy": Quantity(0, "strain energy density", PRESSURE),
-    "reaction": Quantity(1, "reaction |r|", "{force}"),
-    "force": Quantity(1, "external force |f|", "{force}"),
+    "reaction": Quantity(1, "reaction |r|", "{force}", noun="reaction"),
+    "force": Quantity(1, "external force |f|", "{force}", noun="external force"),
     "von_mises": Quantity(0, "von Mises stress", PRESSURE),
-    "principal": Quantity(1, "largest principal stress", PRESSURE, components=PRINCIPAL),
+    "principal": Quantity(1, "largest principal stress", PRESSURE, components=PRINCIPAL, noun="principal stress"),
     "dilatation": Quantity(0, "dilatation J - 1"),
     "damage": Quantity(0, "damage", cheap=False),
     "peridynamic_stress": Quantity(
-        2, "von Mises peridynamic stress", PRESSURE, invariants=("von_mises", *PRINCIPAL), cheap=False
+        2,
+        "von Mises peridynamic stress",
+        PRESSURE,
+        invariants=("von_mises", *PRINCIPAL),
+        cheap=False,
+        noun="peridynamic stress",
     ),
 }
 CHEAP = tuple(name for name, quantity in QUANTITIES.items() if quantity.cheap)
@@ -59,6 +66,18 @@ def components(field: str, dim: int) -> tuple[str, ...]:
         return ()
     axes = AXES if rank == 2 else AXES[:dim]
     return (*(names or map("".join, product(axes, repeat=rank))), "magnitude", *further)
+
+
+def label(field: str, component: str | None = None) -> str:
+    """What a component of a field is called beside a picture; None: the number that `scalar` gives."""
+    quantity = QUANTITIES[field]
+    if component is None:
+        return quantity.label
+    if component == "von_mises":
+        return f"von Mises {quantity.noun}"
+    if component in PRINCIPAL and not quantity.components:
+        return f"principal {quantity.noun} {component}"
+    return f"{quantity.noun} {component}"
 
 
 def component(values: np.ndarray, name: str) -> np.ndarray:

@@ -3,6 +3,8 @@
 import csv
 import json
 import os
+import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,10 +12,16 @@ import numpy as np
 import tomli_w
 
 from pdpetsc.errors import InputError
-from pdpetsc.quantities import AXES, QUANTITIES
+from pdpetsc.quantities import AXES, QUANTITIES, components
 
 MARK = "# pdpetsc "
 """First words of the case as run: what tells a result directory of ours from others."""
+
+
+def _pictures(field: str) -> list[str]:
+    """The names that pictures of a field may have, but for the number of a step."""
+    names = [field, *(f"{field}-{name}" for name in components(field, 3))]
+    return [f"{name}{cut}.{kind}" for name in names for cut in ("", "-section") for kind in ("png", "gif")]
 
 
 def write_case(directory: Path, document: dict, command: str) -> None:
@@ -23,17 +31,17 @@ def write_case(directory: Path, document: dict, command: str) -> None:
 
 FILES = {
     "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png", "curve.png",
-    "checkpoint.h5", "checkpoint.h5.new", "broken_bonds.csv", "broken_bonds.new",
-    *(f"{field}.{kind}" for field in QUANTITIES for kind in ("png", "gif")),
+    "checkpoint.h5", "checkpoint.h5.new", "broken_bonds.csv", "broken_bonds.new", "convergence.png", "report.html",
+    *(name for field in QUANTITIES for name in _pictures(field)),
 }  # fmt: skip
-"""All that a run leaves in its result directory."""
+"""All that a run, its pictures and its report leave in its result directory; pictures of a step have its number too."""
 
 
 def is_result(directory: Path) -> bool:
     """Whether a directory was written by pdpetsc and holds nothing else."""
     try:
         ours = (directory / "case.toml").read_text(encoding="utf-8").startswith(MARK)
-        return ours and {path.name for path in directory.iterdir()} <= FILES
+        return ours and {re.sub(r"-step\d+", "", path.name) for path in directory.iterdir()} <= FILES
     except (OSError, UnicodeDecodeError):
         return False
 
@@ -50,6 +58,26 @@ def write_history(path: Path, rows: list[dict], begin: int = 0) -> None:
             writer.writerow([*columns, *probes])
         for row in rows[begin:]:
             writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
+
+
+def read_history(directory: Path) -> dict[str, list[float]]:
+    """The columns of a result's history.csv that are numbers, by name.
+
+    Raises:
+        InputError: there is none.
+    """
+    try:
+        with (directory / "history.csv").open(newline="", encoding="utf-8") as file:
+            names, *rows = csv.reader(file)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{directory}: holds no history of load steps ({error})") from None
+    columns = {}
+    for name, entries in zip(names, zip(*rows)):
+        try:
+            columns[name] = [float(entry) for entry in entries]
+        except ValueError:
+            continue  # a word, as True
+    return columns
 
 
 def write_broken_bonds(path: Path, bonds: np.ndarray, ends: np.ndarray, time_of: Callable[[int], float]) -> None:
@@ -88,3 +116,20 @@ def read_summary(directory: Path) -> dict:
         return json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{directory}: holds no result of a run that has ended ({error})") from None
+
+
+def read_case(directory: Path) -> dict:
+    """The case of a result as it was run, not checked again.
+
+    Raises:
+        InputError: there is none.
+    """
+    try:
+        return tomllib.loads((directory / "case.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{directory}: holds no result of pdpetsc ({error})") from None
+
+
+def in_time(summary: dict) -> bool:
+    """Whether the t of a result is time, in which the body moved."""
+    return summary.get("choices", {}).get("mode") in ("verlet", "generalised_alpha")
