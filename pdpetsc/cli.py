@@ -38,7 +38,7 @@ CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT fo
   --step N          plot: a step of the field file (default: the last)
   --section x=0.05  plot: a body of three dimensions cut open
   --animate         plot: all steps of the field file, as DIR/NAME.gif
-  --curve [X Y]     plot: a column of history.csv over another, as DIR/curve.png (default: as in the case)
+  --curve [X Y]     plot: columns of history.csv, Y over X, as DIR/curve.png (default: the case's)
   --convergence     plot: residuals of Newton's method, as DIR/convergence.png
   --quiet           print warnings and errors only
   --version         print the version

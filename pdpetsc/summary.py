@@ -3,6 +3,7 @@
 import resource
 import time as clock
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -29,6 +30,7 @@ def summary_of(run, status: str) -> dict:
         "particles": p.count,
         "spacing": case.body.spacing,
         "bonds": mpi.allreduce(run.families.bonds),
+        "family_size": _family_size(run),
         "ranks": run.comm.size,
         "most_bonds_on_a_rank": mpi.allreduce(run.families.bonds, MPI.MAX),
         "choices": _choices(run),
@@ -51,6 +53,13 @@ def summary_of(run, status: str) -> dict:
     summary["expect"] = expectations.check(summary, case.expect)
     summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
     return summary
+
+
+def _family_size(run) -> dict:
+    """The fewest and the most bonds of a family."""
+    mpi, sizes = run.comm.tompi4py(), np.diff(run.families.offsets)
+    fewest = int(sizes.min(initial=np.iinfo(np.int64).max))  # a rank without particles has no say
+    return {"min": mpi.allreduce(fewest, MPI.MIN), "max": mpi.allreduce(int(sizes.max(initial=0)), MPI.MAX)}
 
 
 def _extremes(run) -> dict:

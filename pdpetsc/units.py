@@ -38,7 +38,6 @@ OF_HISTORY = {
     "residual_scale": "{force}",
     "crack_area": "{length}^2",
     "arc_length": "{length}",
-    "seconds": "s",
 }
 """The units of columns of history.csv that are the solver's."""
 

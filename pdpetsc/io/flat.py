@@ -15,23 +15,30 @@ EDGES = {(0, 0): (0, 3), (0, 1): (1, 2), (1, 0): (0, 1), (1, 1): (3, 2)}
 """Corners at the ends of the edge across an axis, at its lower and its upper side."""
 
 
-def draw_line(axes, frame: Frame, common: Range) -> None:
-    """The values of a body of one dimension over the places of its particles before deformation."""
+def draw_line(axes, frame: Frame, common: Range, torn: bool) -> None:
+    """The values of a body of one dimension over the places of its particles before deformation.
+
+    Args:
+        torn: whether it is shown where cells have come apart.
+    """
     order = np.argsort(frame.position[:, 0])
     X, values = frame.position[order, 0], frame.values[order]
     axes.plot(X, values, marker=".", markersize=4 if len(X) < 300 else 0, linewidth=1)
-    cracks = X + frame.spacing[order] / 2
-    for at in cracks[frame.torn[order, 0, 1]]:
-        axes.axvline(at, color="black", linewidth=0.8)
+    if torn:
+        for crack in (X + frame.spacing[order] / 2)[frame.torn[order, 0, 1]]:
+            axes.axvline(crack, color="black", linewidth=0.8)
     low, high = common.values
     border = 0.05 * (high - low) or 1.0
     axes.set_ylim(low - border, high + border)
     axes.grid(alpha=0.3)
 
 
-def draw_plane(axes, frame: Frame, common: Range, colours: str):
-    """Each particle's cell, deformed by its deformation gradient, and in black the edges along which cells have come
-    apart; returns what a colour bar needs."""
+def draw_plane(axes, frame: Frame, common: Range, colours: str, torn: bool):
+    """Each particle's cell, deformed by its deformation gradient; returns what a colour bar needs.
+
+    Args:
+        torn: whether the edges along which cells have come apart are drawn, in black.
+    """
     from matplotlib.collections import LineCollection, PolyCollection
 
     shape = np.eye(2) + common.factor * (frame.F[:, :2, :2] - np.eye(2))
@@ -43,8 +50,9 @@ def draw_plane(axes, frame: Frame, common: Range, colours: str):
         snap=False,  # no white lines where pixels fall between cells
     )  # fmt: skip
     axes.add_collection(cells)
-    torn = [corners[frame.torn[:, axis, side]][:, ends] for (axis, side), ends in EDGES.items()]
-    axes.add_collection(LineCollection(np.concatenate(torn), colors="black", linewidths=0.8))
+    if torn:
+        cracks = [corners[frame.torn[:, axis, side]][:, ends] for (axis, side), ends in EDGES.items()]
+        axes.add_collection(LineCollection(np.concatenate(cracks), colors="black", linewidths=0.8))
     border = MARGIN * max((common.high - common.low)[:2])
     for axis, low, high in zip("xy", common.low, common.high):
         axes.set(**{f"{axis}lim": (low - border, high + border)})

@@ -196,7 +196,7 @@ def common_range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:
 
 def _limits(low: float, high: float) -> tuple[float, float]:
     """Of the colours: equal on both sides of zero where values have both signs."""
-    if low > high:  # no number at all
+    if low > high or low == high == 0:  # no number at all, or nothing yet
         return 0.0, 1.0
     if high - low < 1e-6 * max(abs(low), abs(high)):  # a uniform field: no colours for rounding errors
         return low - 0.01 * abs(low), high + 0.01 * abs(high)

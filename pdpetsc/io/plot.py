@@ -107,10 +107,11 @@ def _draw(figure, summary: dict, view: View, frame: Frame, common: Range, step: 
     what = label(view.field, view.component) + bracketed(QUANTITIES[view.field].unit, units)
     title = dict(label=_title(summary, view, common, step), fontsize="medium", parse_math=False)
     figure.set_layout_engine("constrained")
+    torn = view.field != "damage"  # which shows cracks by itself
     if dim == 1:
         figure.set_size_inches(7, 4)
         axes = figure.add_subplot()
-        draw_line(axes, frame, common)
+        draw_line(axes, frame, common, torn)
         axes.set_xlabel(f"x [{units['length']}]", parse_math=False)
         axes.set_ylabel(what, parse_math=False)
         axes.set_title(**title)
@@ -120,7 +121,7 @@ def _draw(figure, summary: dict, view: View, frame: Frame, common: Range, step: 
         across = 7.0 if width > height else max(5.5 * width / height, 1.5)  # of the axes, in inches
         figure.set_size_inches(across + 2, max(across * height / width, 0.8) + 1.5)
         axes = figure.add_subplot()
-        marks = draw_plane(axes, frame, common, _colours(common))
+        marks = draw_plane(axes, frame, common, _colours(common), torn)
     else:
         axes, marks = _solid(figure, frame, common, summary, view, image)
     marks.set_clim(*common.values)

@@ -3,6 +3,7 @@
 import base64
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,16 @@ from pdpetsc.io.frames import open_fields
 from pdpetsc.io.plot import picture
 from pdpetsc.io.tables import in_time, read_case, read_history, read_summary
 from pdpetsc.io.view import View
-from pdpetsc.quantities import label
+from pdpetsc.quantities import QUANTITIES, label
 
 FEW = 12
 """Rows of a table that are shown at once; longer ones are opened by the reader."""
+
+DPI = 130
+"""Of the pictures."""
+
+BROAD = 2.5
+"""Width over height of pictures that have a row of their own."""
 
 PICTURES = (View("u"), View("stress"), View("damage"))
 """What is shown of a body, where it was written."""
@@ -30,6 +37,9 @@ STEPS = {
     "dissipated": "dissipated", "imbalance": "imbalance", "particles": "particles", "seconds": "seconds",
 }  # fmt: skip
 """Columns of the table of steps: keys of summary.json, and what they are called."""
+
+REDUCED = {"sum": "sum of the", "mean": "mean", "min": "smallest", "max": "largest", "error": "relative error of the"}
+WORDS = {"J": "J-integral", "crack_tip": "position of the crack's tip", "moment": "moment"}
 
 STATUS = {
     "converged": "converged", "separated": "converged: the body came apart", "not_converged": "did not converge",
@@ -113,12 +123,12 @@ def contents(directory: Path, document: dict, summary: dict) -> dict:
     units = summary["units"]
     motion = in_time(summary)
     columns = units_of.of_history(document, motion)
-    columns["relative_residual"] = ""
 
     def with_unit(name: str, unit: str) -> str:
         return name + units_of.bracketed(unit, units)
 
     probes = {probe["name"]: probe for probe in document.get("probe", ()) if "name" in probe}
+    pictures, reasons = _pictures(directory, document, summary)
     return {
         "title": summary["title"] or summary["case"],
         "name": ":".join(filter(None, (summary["case"], summary.get("variant")))),
@@ -149,7 +159,8 @@ def contents(directory: Path, document: dict, summary: dict) -> dict:
             (name, summary[key]) for name, key in (("pdpetsc", "version"), ("PETSc", "petsc_version")) if key in summary
         ],
         "unused": summary.get("unused_options", []),
-        "pictures": list(_pictures(directory, document, summary)),
+        "pictures": pictures,
+        "reasons": reasons,
     }
 
 
@@ -209,7 +220,13 @@ def _steps(steps: list[dict], called: Callable[[str], str]) -> dict:
     """The table of steps: columns that say something, and rows."""
     keys = [key for key in STEPS if any(key in row for row in steps)]
     keys = [key for key in keys if key not in ("rounding_floor", "load_factor") and not _idle(steps, key)]
-    return {"columns": [called(key) for key in keys], "rows": [[row.get(key) for key in keys] for row in steps]}
+    shown = [[_entry(row.get(key)) for key in keys] for row in steps]
+    return {"columns": [called(key) for key in keys], "rows": shown}
+
+
+def _entry(value) -> str:
+    """Of the table of steps."""
+    return f"{value:.4g}" if isinstance(value, float) else number(value)
 
 
 def _idle(steps: list[dict], key: str) -> bool:
@@ -219,8 +236,9 @@ def _idle(steps: list[dict], key: str) -> bool:
 
 def _read(probe: dict) -> str:
     """What a probe reads, in words."""
-    what = " ".join(filter(None, (probe.get("reduce"), "of" if "reduce" in probe else "", probe.get("field", ""))))
-    what += f" {probe['component']}" if "component" in probe else ""
+    field, component = probe.get("field", ""), probe.get("component")
+    what = WORDS.get(field) or (label(field, component) if field in QUANTITIES and component else field)
+    what = " ".join(filter(None, (REDUCED.get(probe.get("reduce"), ""), what)))
     words = {"set": "over the set", "at": "at", "line": "along", "section": "on the section", "tip": "at"}
     for key, word in words.items():
         if key in probe:
@@ -228,38 +246,50 @@ def _read(probe: dict) -> str:
     return what
 
 
-def _pictures(directory: Path, document: dict, summary: dict):
-    """(caption, alternative text, data) of each picture that can be made."""
-    output = document.get("output", {})
-    title = summary["title"] or summary["case"]
-    chosen = View(output.get("picture", "u"))
-    for view in dict.fromkeys((chosen, *PICTURES)):
+def _pictures(directory: Path, document: dict, summary: dict) -> tuple[list["Picture"], list[str]]:
+    """The pictures that can be made, and why others could not: a page is not lost for want of one.
+
+    What was never written is not missed.
+    """
+    output, title = document.get("output", {}), summary["title"] or summary["case"]
+    pictures, reasons = [], []
+
+    def add(caption: str, alternative: str, figure: Callable) -> None:
         try:
-            figure = picture(directory, summary, view)
+            pictures.append(Picture(caption, alternative, figure()))
         except InputError:
-            continue
+            pass
+        except Exception as error:  # of a file that was being written when the run was killed
+            reasons.append(f"{caption}: {error}")
+
+    for view in dict.fromkeys((View(output.get("picture", "u")), *PICTURES)):
         what = label(view.field)
-        yield what, f"The deformed body of {title}, coloured by {what}", _data(figure)
-    axes = output.get("curve")
-    try:
+        add(what, f"The deformed body of {title}, coloured by {what}", partial(picture, directory, summary, view))
+    if axes := output.get("curve"):
+        x, y = axes["x"], axes["y"]
         labels = units_of.labels_of_history(document, summary["units"], in_time(summary))
-        if axes:
-            figure = curve(title, read_history(directory), axes["x"], axes["y"], labels)
-            yield f"{axes['y']} over {axes['x']}", f"Curve of {axes['y']} over {axes['x']}", _data(figure)
-    except InputError:
-        pass
-    try:
-        figure = convergence(title, summary["steps"])
-        yield "convergence of Newton's method", "Residual after each iteration, of each load step", _data(figure)
-    except InputError:
-        pass
+        add(f"{y} over {x}", f"Curve of {y} over {x}", lambda: curve(title, read_history(directory), x, y, labels))
+    what = "Residual after each iteration, of each load step"
+    add("convergence of Newton's method", what, partial(convergence, title, summary["steps"]))
+    return pictures, reasons
 
 
-def _data(figure) -> str:
-    """A figure as the address of an image that holds its own data."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=130, format="png")
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+class Picture:
+    """A figure as the page has it.
+
+    Attributes:
+        caption, alternative: texts.
+        broad: whether it is many times as wide as high.
+        data: the address of an image that holds its own data.
+    """
+
+    def __init__(self, caption: str, alternative: str, figure):
+        self.caption, self.alternative = caption, alternative
+        width, height = figure.get_size_inches()
+        self.broad = bool(width > BROAD * height)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, dpi=DPI, format="png")
+        self.data = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def number(value) -> str:

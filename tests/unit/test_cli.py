@@ -9,6 +9,7 @@ import pytest
 import pdpetsc
 from pdpetsc import __main__, case, cli
 from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.io.view import Section, View
 
 ROD = """
 title = "A rod"
@@ -58,11 +59,15 @@ def driver(monkeypatch):
         calls.append((chosen.name, chosen.variant, chosen.overridden, ranks))
         return 0
 
-    def plot(directory, field, animate):
-        calls.append((directory, field, animate))
+    def plot(directory, view, animate, curve, convergence):
+        calls.append((directory, view, animate, curve, convergence))
         return 0
 
-    stub = SimpleNamespace(run=run, restart=restart, check=check, plot=plot, calls=calls)
+    def report(directory):
+        calls.append(directory)
+        return 0
+
+    stub = SimpleNamespace(run=run, restart=restart, check=check, plot=plot, report=report, calls=calls)
     monkeypatch.setattr(pdpetsc, "driver", stub, raising=False)
     monkeypatch.setitem(sys.modules, "pdpetsc.driver", stub)
     return stub
@@ -103,10 +108,26 @@ def test_restart(driver):
     assert driver.calls == [(Path("results/rod"), True)]
 
 
-def test_plot(driver):
-    assert cli.main(["plot", "results/rod"]) == 0
-    assert cli.main(["plot", "results/rod", "--field", "damage", "--animate"]) == 0
-    assert driver.calls == [(Path("results/rod"), None, False), (Path("results/rod"), "damage", True)]
+@pytest.mark.parametrize(
+    ("line", "call"),
+    [
+        ("", (View(None), False, None, False)),
+        ("--field damage --animate", (View("damage"), True, None, False)),
+        ("--field stress --component xx --step 3", (View("stress", "xx", 3), False, None, False)),
+        ("--section y=-0.05", (View(None, section=Section(1, -0.05)), False, None, False)),
+        ("--curve", (View(None), False, [], False)),
+        ("--curve pull load", (View(None), False, ["pull", "load"], False)),
+        ("--convergence", (View(None), False, None, True)),
+    ],
+)
+def test_plot(line, call, driver):
+    assert cli.main(["plot", "results/rod", *line.split()]) == 0
+    assert driver.calls == [(Path("results/rod"), *call)]
+
+
+def test_report(driver):
+    assert cli.main(["report", "results/rod"]) == 0
+    assert driver.calls == [Path("results/rod")]
 
 
 @pytest.mark.parametrize(
@@ -114,7 +135,7 @@ def test_plot(driver):
     [
         (
             "rodd",
-            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, list, restart, plot; bundled cases: ",
+            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, list, restart, plot, report; bundled ",
         ),
         ("rodd:fine", "unknown word 'rodd:fine' (did you mean 'rod'?)"),
         ("rnu rod", "unknown word 'rnu' (did you mean 'run'?)"),
@@ -131,8 +152,17 @@ def test_plot(driver):
         ("restart x --set a=1", "restart takes neither --out nor --set"),
         ("plot", "plot needs the directory of an earlier result"),
         ("plot x --out y", "plot takes neither --out nor --set"),
-        ("rod --animate", "--field and --animate go with plot"),
-        ("rod --field u", "--field and --animate go with plot"),
+        ("report", "report needs the directory of an earlier result"),
+        ("rod --animate", "--animate goes with plot"),
+        ("rod --field u", "--field goes with plot"),
+        ("check rod --curve", "--curve goes with plot"),
+        ("report rod --convergence", "--convergence goes with plot"),
+        ("plot x --curve a", "--curve takes two columns of history.csv, x and y, or none, and stands behind"),
+        ("plot x --field u --convergence", "--convergence does not go with --field: one picture at a time"),
+        ("plot x --convergence --curve", "--curve does not go with --convergence: one picture at a time"),
+        ("plot x --animate --step 2", "--animate draws all steps, so it does not go with --step"),
+        ("plot x --section w=2", "--section w=2: must be a plane across an axis, as x=0.05"),
+        ("plot x --step last", "invalid int value: 'last'"),
         ("check rod clamped_beam", "more than one case: rod, clamped_beam"),
         ("check rod:coarse", "rod.toml: there is no variant 'coarse'; choices: fine"),
         ("check rod --set body.spacing=-1", "rod.toml: body.spacing: must be greater than 0, not -1"),

@@ -11,8 +11,11 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 from pdpetsc.errors import InputError
-from pdpetsc.io import tables
-from pdpetsc.io.plot import animate_result, cell_sides, free_faces, plot_curve, plot_result
+from pdpetsc.io import rendering, tables
+from pdpetsc.io.cells import cell_sides, free_faces
+from pdpetsc.io.curves import plot_curve
+from pdpetsc.io.plot import animate_result, plot_result
+from pdpetsc.io.view import View
 from pdpetsc.quantities import QUANTITIES, component, components, scalar
 from pdpetsc.recover import FIELDS
 
@@ -22,12 +25,19 @@ ROWS = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def without_pyvista(monkeypatch):
+    """Bodies of three dimensions are drawn by matplotlib; test_pictures.py has the other way."""
+    monkeypatch.setattr(rendering, "find_spec", lambda name: None)
+
+
 def test_history_has_the_numbers_of_each_step(tmp_path):
     tables.write_history(tmp_path / "history.csv", ROWS)
     with (tmp_path / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["step", "time", "rounding_floor", "tip"]
     assert [float(row["tip"]) for row in rows] == [0.1, 1 / 3]  # all digits
+    assert tables.read_history(tmp_path) == {"step": [1, 2], "time": [0.5, 1.0], "tip": [0.1, 1 / 3]}
 
 
 def test_summary_is_written_whole(tmp_path):
@@ -145,7 +155,7 @@ def test_the_pictures_show_each_spacing(tmp_path):
             group["u"], group["F"] = 0.01 * X, np.tile(np.eye(3).ravel(), (len(X), 1))
         units = {"length": "mm", "force": "N", "time": "s"}
         summary = {"dim": dim, "units": units, "title": "", "case": "a_case", "steps": [{"step": 1, "time": 1.0}]}
-        plot_result(tmp_path, summary, "u", "result")
+        plot_result(tmp_path, summary, View("u"), "result")
         assert (tmp_path / "result.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
@@ -166,7 +176,7 @@ def test_pictures(tmp_path, dim, field):
         "dim": dim, "units": {"length": "mm", "force": "N", "time": "s"}, "title": "", "case": "a_case",
         "steps": [{"step": 3, "time": 1.0}],
     }  # fmt: skip
-    plot_result(tmp_path, summary, field, "result")
+    plot_result(tmp_path, summary, View(field), "result")
     picture = (tmp_path / "result.png").read_bytes()
     assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 5000
 
@@ -194,7 +204,7 @@ def test_an_animation_has_all_steps_on_one_scale(tmp_path, monkeypatch):
         limits.append((axes.get_xlim(), axes.get_ylim(), axes.collections[0].get_clim()))
 
     monkeypatch.setattr(PillowWriter, "finish", lambda self: None)
-    animate_result(tmp_path, moving(tmp_path, 3), "u", "u")
+    animate_result(tmp_path, moving(tmp_path, 3), View("u"), "u")
     assert [title.partition("t = ")[2] for title in titles] == ["0", "999", "1000", "1001"]
     assert len(set(limits)) == 1
     (left, right), (bottom, top), colours = limits[0]
@@ -204,7 +214,7 @@ def test_an_animation_has_all_steps_on_one_scale(tmp_path, monkeypatch):
 
 def test_the_file_of_an_animation(tmp_path):
     (tmp_path / "case.toml").write_text(tables.MARK)
-    path = animate_result(tmp_path, moving(tmp_path, 2), "u", "u")
+    path = animate_result(tmp_path, moving(tmp_path, 2), View("u"), "u")
     with Image.open(path) as image:
         assert image.n_frames == 3 and path.name == "u.gif"
     assert tables.is_result(tmp_path)
@@ -212,7 +222,7 @@ def test_the_file_of_an_animation(tmp_path):
 
 def test_a_field_that_was_not_written(tmp_path):
     with pytest.raises(InputError, match=r"--field damage: was not written; there is u, and output.fields asks for"):
-        plot_result(tmp_path, moving(tmp_path, 1), "damage", "damage")
+        plot_result(tmp_path, moving(tmp_path, 1), View("damage"), "damage")
 
 
 def test_a_summary_that_is_not_there(tmp_path):
@@ -223,18 +233,18 @@ def test_a_summary_that_is_not_there(tmp_path):
 def test_a_curve_has_a_marker_for_each_step(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(Axes, "plot", lambda axes, *values, **style: drawn.append((axes, values, style)))
-    rows = [{"probes": {"a $ opening": 1e-6 * k, "load": (3.0 - k) * k, "line": [1.0, 2.0]}} for k in range(4)]
-    plot_curve(tmp_path, "A crack at 5 $", rows, "a $ opening", "load")
+    columns = {"a $ opening": [1e-6 * k for k in range(4)], "load": [(3.0 - k) * k for k in range(4)]}
+    plot_curve(tmp_path, "A crack at 5 $", columns, "a $ opening", "load", {"load": "load [N]"})
     ((axes, (x, y), style),) = drawn
     assert x == [0.0, 1e-6, 2e-6, 3e-6] and y == [0.0, 2.0, 2.0, 0.0] and style["marker"] == "o"
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("a $ opening", "load")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("a $ opening", "load [N]")
 
 
 def test_the_picture_of_a_curve(tmp_path):
-    rows = [{"probes": {"opening": 1e-6 * k, "load": np.sin(k)}} for k in range(1, 4)]
     (tmp_path / "case.toml").write_text(tables.MARK)
-    for steps in (rows, rows[:1]):
-        plot_curve(tmp_path, "A crack", steps, "opening", "load")
+    for count in (3, 1):
+        columns = {"opening": list(1e-6 * np.arange(count)), "load": list(np.sin(np.arange(count)))}
+        plot_curve(tmp_path, "A crack", columns, "opening", "load")
         picture = (tmp_path / "curve.png").read_bytes()
         assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 5000
     assert tables.is_result(tmp_path)
