@@ -22,6 +22,9 @@ from pdpetsc.units import bracketed
 SECONDS = 8.0
 """Length of an animation."""
 
+LONG = 4
+"""Width over height of bodies under which the colour bar lies."""
+
 COLOURS, SIGNED = "viridis", "coolwarm"
 """Colour maps whose brightness follows the values: of one sign, and of both with grey at zero."""
 
@@ -106,7 +109,8 @@ def _draw(figure, summary: dict, view: View, frame: Frame, common: Range, step: 
     dim, units = summary["dim"], summary["units"]
     what = label(view.field, view.component) + bracketed(QUANTITIES[view.field].unit, units)
     title = dict(label=_title(summary, view, common, step), fontsize="medium", parse_math=False)
-    figure.set_layout_engine("constrained")
+    if dim < 3 or image is not None:  # else it would cut off what is written at the axes
+        figure.set_layout_engine("constrained")
     torn = view.field != "damage"  # which shows cracks by itself
     if dim == 1:
         figure.set_size_inches(7, 4)
@@ -117,16 +121,10 @@ def _draw(figure, summary: dict, view: View, frame: Frame, common: Range, step: 
         axes.set_title(**title)
         return
     if dim == 2:
-        width, height, _ = common.high - common.low
-        across = 7.0 if width > height else max(5.5 * width / height, 1.5)  # of the axes, in inches
-        figure.set_size_inches(across + 2, max(across * height / width, 0.8) + 1.5)
-        axes = figure.add_subplot()
-        marks = draw_plane(axes, frame, common, _colours(common), torn)
+        axes, marks, place = _plane(figure, frame, common, torn)
     else:
-        axes, marks = _solid(figure, frame, common, summary, view, image)
+        axes, marks, place = _solid(figure, frame, common, summary, view, image)
     marks.set_clim(*common.values)
-    upright = dim == 3 or width < 4 * height
-    place = dict(shrink=0.8, pad=0.03) if upright else dict(location="bottom", shrink=0.6, aspect=40, pad=0.02)
     bar = figure.colorbar(marks, ax=axes, **place)
     bar.set_label(what, parse_math=False)
     bar.outline.set_visible(False)
@@ -136,15 +134,30 @@ def _draw(figure, summary: dict, view: View, frame: Frame, common: Range, step: 
     axes.set_title(**title)
 
 
+def _plane(figure, frame: Frame, common: Range, torn: bool):
+    """Axes with a body of two dimensions, what its colour bar needs, and where that stands: below a long body."""
+    width, height, _ = common.high - common.low
+    across = 7.0 if width > height else max(5.5 * width / height, 1.5)  # of the axes, in inches
+    upright = max(across * height / width, 0.8)
+    below = width > LONG * height
+    figure.set_size_inches((across + 1, upright + 2.1) if below else (across + 2, upright + 1.5))
+    axes = figure.add_subplot()
+    marks = draw_plane(axes, frame, common, _colours(common), torn)
+    place = dict(location="bottom", shrink=0.6, aspect=40, pad=0.02) if below else dict(shrink=0.8, pad=0.03)
+    return axes, marks, place
+
+
 def _solid(figure, frame: Frame, common: Range, summary: dict, view: View, image):
-    """Axes with a body of three dimensions, and what its colour bar needs."""
+    """Axes with a body of three dimensions, what its colour bar needs, and where that stands."""
     from matplotlib.cm import ScalarMappable
 
     if image is None:
         figure.set_size_inches(7.5, 6)
+        figure.subplots_adjust(left=0.05, right=0.9, bottom=0.1, top=0.9)
         axes = figure.add_subplot(projection="3d")
         seen = surface(frame, common.factor, view.section)
-        return axes, draw_solid(axes, seen, common, _colours(common), summary["units"]["length"])
+        marks = draw_solid(axes, seen, common, _colours(common), summary["units"]["length"])
+        return axes, marks, dict(shrink=0.8, pad=0.14)
     height, width = image.shape[:2]
     figure.set_size_inches(5.5 * min(1.4, width / height) + 1.6, 5.5 * min(1.0, 1.4 * height / width) + 0.8)
     axes = figure.add_subplot()
@@ -152,7 +165,7 @@ def _solid(figure, frame: Frame, common: Range, summary: dict, view: View, image
     axes.set(xticks=[], yticks=[], frame_on=False)
     sizes = np.ptp(frame.position, axis=0) + frame.spacing.max()
     axes.set_xlabel(f"{' x '.join(f'{size:.3g}' for size in sizes)} {summary['units']['length']}", parse_math=False)
-    return axes, ScalarMappable(cmap=_colours(common))
+    return axes, ScalarMappable(cmap=_colours(common)), dict(shrink=0.8, pad=0.03)
 
 
 def _title(summary: dict, view: View, common: Range, step: str) -> str:

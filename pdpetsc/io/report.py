@@ -23,8 +23,8 @@ FEW = 12
 DPI = 130
 """Of the pictures."""
 
-BROAD = 2.5
-"""Width over height of pictures that have a row of their own."""
+BROAD, LONG = 2.5, 3.5
+"""Width over height of pictures that have a row of their own, and that are moved about on a narrow screen."""
 
 PICTURES = (View("u"), View("stress"), View("damage"))
 """What is shown of a body, where it was written."""
@@ -279,14 +279,14 @@ class Picture:
 
     Attributes:
         caption, alternative: texts.
-        broad: whether it is many times as wide as high.
+        shape: "", "broad" or "broad long".
         data: the address of an image that holds its own data.
     """
 
     def __init__(self, caption: str, alternative: str, figure):
         self.caption, self.alternative = caption, alternative
         width, height = figure.get_size_inches()
-        self.broad = bool(width > BROAD * height)
+        self.shape = " ".join(["broad"] * (width > BROAD * height) + ["long"] * (width > LONG * height))
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=DPI, format="png")
         self.data = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

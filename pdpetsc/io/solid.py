@@ -26,7 +26,9 @@ def draw_solid(axes, seen: Surface, common: Range, colours: str, length: str):
     axes.add_collection3d(Poly3DCollection(seen.corners, facecolors=shaded, edgecolors=shaded, linewidths=0.1))
     axes.set(**{f"{axis}lim": ends for axis, ends in zip("xyz", zip(common.low, common.high), strict=True)})
     axes.set_box_aspect(common.high - common.low)
-    axes.locator_params(nbins=4)
+    size = common.high - common.low
+    for axis, side in zip("xyz", size):
+        axes.locator_params(axis, nbins=max(1, round(4 * side / size.max())))
     axes.set_zlabel(f"z [{length}]")
     mapped.set_array(seen.values)
     return mapped
