@@ -1,12 +1,14 @@
 """From a case to its particles and materials."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from petsc4py import PETSc
 
 from pdpetsc.adapt.refinement import Refinement
 from pdpetsc.body.box import Lattice, box
+from pdpetsc.body.given import given_particles, source_of
 from pdpetsc.body.horizons import horizon_field
 from pdpetsc.body.sets import Sets
 from pdpetsc.body.surfaces import on_surface
@@ -28,7 +30,10 @@ def distributed_particles(comm: PETSc.Comm, case: Case) -> Particles:
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
     loaded = _loaded(case)
-    points = box(mpi, body, body.keep, horizon, loaded is not None, zones_of(case))
+    if body.shape == "box":
+        points = box(mpi, body, body.keep, horizon, loaded is not None, zones_of(case))
+    else:
+        points = given_particles(mpi, source_of(case), body.keep, horizon)
     if loaded:
         facets = points.facets
         with collective(mpi):
@@ -53,13 +58,14 @@ def refinement_of(case: Case) -> Refinement | None:
     return Refinement(case.refinement, lattice, _loaded(case), case.body.horizon_tolerance)
 
 
-def expected_blocks(case: Case) -> float:
-    """Of the assembled tangent, counted without looking at the ranks; where a quick look finds no particle, too many
-    to be assembled."""
-    try:
-        return take_census(case, QUICK).blocks
-    except InputError:
-        return float("inf")
+def expected_blocks(comm: PETSc.Comm, case: Case) -> float:
+    """Of the assembled tangent, counted by the first rank without looking at the others (collective); where a quick
+    look finds no particle, too many to be assembled."""
+    blocks = float("inf")
+    if comm.rank == 0:
+        with suppress(InputError):
+            blocks = take_census(case, QUICK).blocks
+    return comm.tompi4py().bcast(blocks)
 
 
 def materials_of(
