@@ -111,7 +111,7 @@ def _reason(text: str) -> str:
     if found := re.search(r"could not convert string (.*) to float64 at row (\d+)", text):
         return f"line {int(found[2]) + 2}: {found[1]} is no number"
     if found := re.search(r"at row (\d+)", text):
-        return f"line {int(found[1]) + 2} has too few columns"
+        return f"line {int(found[1]) + 1} has too few columns"  # here numpy counts from 1
     return f"cannot be read as a table: {' '.join(text.split())[:200]}"
 
 

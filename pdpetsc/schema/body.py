@@ -21,11 +21,11 @@ from pdpetsc.schema.values import (
     zeros_if_missing,
 )
 
-OF_A_LATTICE = ("size", "spacing", "origin", "fitted", "refine", "zones", "layers")
-"""Keys of a box alone."""
-
-GIVEN = {"mesh": ("mesh", "particles", "dimension", "scale"), "points": ("points", "dimension", "scale")}
-"""Keys of a body whose particles a file gives."""
+SHAPES_OF = dict.fromkeys(("size", "spacing", "origin", "fitted", "refine", "zones", "layers"), ("box",)) | {
+    "mesh": ("mesh",), "points": ("points",), "particles": ("box", "mesh"), "dimension": ("mesh", "points"),
+    "scale": ("mesh", "points"),
+}  # fmt: skip
+"""The shapes that a key goes with, where it does not go with all."""
 
 
 class Zone(Table):
@@ -71,13 +71,10 @@ class Body(Table):
         shape = info.context.shape
         if table.get("shape", shape) not in ("box", "mesh", "points"):
             return table
-        given = GIVEN.get(shape, ("particles",))
-        for key in (*OF_A_LATTICE, "mesh", "points", "particles", "dimension", "scale"):
-            if key in table and not (key in given or (shape == "box" and key in OF_A_LATTICE)):
-                of = '"mesh" or "points"' if key in ("dimension", "scale") else f'"{key}"'
-                raise error_at(key, f"goes with {'lattices, ' if key in OF_A_LATTICE else ''}shape = "
-                               f'{chr(34) + "box" + chr(34) if key in OF_A_LATTICE or key == "particles" else of}, '
-                               f'not with "{shape}"')  # fmt: skip
+        for key in SHAPES_OF:
+            if key in table and shape not in SHAPES_OF[key]:
+                of = " or ".join(f'"{name}"' for name in SHAPES_OF[key])
+                raise error_at(key, f'goes with shape = {of}, not with "{shape}"')
         return table | {"shape": shape}
 
     @model_validator(mode="after")
