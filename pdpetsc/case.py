@@ -142,7 +142,7 @@ def _merged(base: dict, changes: dict) -> dict:
 
 
 def _with_paths(document: dict, folder: Path) -> dict:
-    """Return tables whose meshes can be found from anywhere; in the case file their paths are relative to it."""
+    """Return tables whose files can be found from anywhere; in the case file their paths are relative to it."""
 
     def found(cracks: Any) -> Any:
         if not isinstance(cracks, list):
@@ -155,8 +155,15 @@ def _with_paths(document: dict, folder: Path) -> dict:
         ]
 
     document = dict(document)
-    if isinstance(document.get("body"), dict) and "cracks" in document["body"]:
-        document["body"] = document["body"] | {"cracks": found(document["body"]["cracks"])}
+    if isinstance(document.get("body"), dict):
+        body = dict(document["body"])
+        if "cracks" in body:
+            body["cracks"] = found(body["cracks"])
+        document["body"] = body | {
+            key: str((folder / body[key]).resolve())
+            for key in ("mesh", "points")
+            if body.get(key) and isinstance(body[key], str)
+        }
     if isinstance(document.get("damage"), dict):
         document["damage"] = {
             name: table | {"along": found(table["along"])} if isinstance(table, dict) and "along" in table else table

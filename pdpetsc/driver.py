@@ -94,7 +94,8 @@ def check(case: Case, ranks: int | None = None) -> int:
     """
     comm = MPI.COMM_WORLD
     with collective(comm):
-        prediction = predict(case, ranks or comm.size)
+        prediction = predict(case, ranks or comm.size) if comm.rank == 0 else None
+    prediction = comm.bcast(prediction)
     available = available_memory()
     say(comm, f"{case.title or case.name}  ({case.path})")
     say(comm, report(prediction, case.units, available))
@@ -115,9 +116,11 @@ def _blocks_that_fit(case: Case, comm) -> float | None:
     """
     available = memory_per_rank(comm)
     try:
-        prediction = predict(case, comm.size, QUICK)
+        with collective(comm):
+            prediction = predict(case, comm.size, QUICK) if comm.rank == 0 else None
     except InputError:
         return None  # on all ranks alike; building the body says what is wrong
+    prediction = comm.bcast(prediction)
     with collective(comm):
         try:
             check_fits(prediction, available)

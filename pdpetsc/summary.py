@@ -27,7 +27,7 @@ def summary_of(run, status: str) -> dict:
         "converged": status in ("converged", "separated"),
         "dim": p.dim,
         "particles": p.count,
-        "spacing": case.body.spacing,
+        "spacing": case.body.spacing or _smallest_spacing(p),
         "bonds": mpi.allreduce(run.families.bonds),
         "ranks": run.comm.size,
         "most_bonds_on_a_rank": mpi.allreduce(run.families.bonds, MPI.MAX),
@@ -51,6 +51,11 @@ def summary_of(run, status: str) -> dict:
     summary["expect"] = expectations.check(summary, case.expect)
     summary["unused_options"] = sorted(set.intersection(*map(set, mpi.allgather(options.unused()))))
     return summary
+
+
+def _smallest_spacing(p) -> float:
+    """Of a body without a lattice."""
+    return p.comm.tompi4py().allreduce(float(p.spacing[: p.owned].min(initial=float("inf"))), MPI.MIN)
 
 
 def _extremes(run) -> dict:
