@@ -6,7 +6,6 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
-    PlainValidator,
     Strict,
     ValidationInfo,
     model_validator,
@@ -28,18 +27,17 @@ from pdpetsc.schema.values import (
     Count,
     FieldName,
     Horizon,
-    LayerWidth,
+    LayerThickness,
     Name,
+    OptionValue,
     Positive,
     SetName,
     Vector,
     formula,
     known_face,
-    layer_width,
     new_set,
     new_surface,
     option_name,
-    option_value,
     zeros_if_missing,
 )
 
@@ -76,7 +74,7 @@ class Body(Table):
     refine: formula() | None = None
     zones: Annotated[tuple[Zone, ...], Strict(False)] = ()
     cracks: Annotated[tuple[Crack, ...], Strict(False)] = ()
-    layers: dict[Annotated[str, AfterValidator(known_face)], Annotated[LayerWidth, PlainValidator(layer_width)]] = {}
+    layers: dict[Annotated[str, AfterValidator(known_face)], LayerThickness] = {}
 
     @property
     def dim(self) -> int:
@@ -97,6 +95,8 @@ class Body(Table):
 class ParticleSet(Table):
     """The particles that meet a condition, or the one nearest to a point. A plain text is a condition."""
 
+    plain = "string"
+
     where: Condition | None = None
     nearest: Vector | None = None
 
@@ -113,6 +113,8 @@ class ParticleSet(Table):
 
 class Surface(Table):
     """The pieces of the body's surface that meet a condition. A plain text is one."""
+
+    plain = "string"
 
     where: formula(condition=True, of_surface=True)
 
@@ -309,7 +311,7 @@ class Description(Table):
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
-    petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}
+    petsc: dict[Annotated[str, AfterValidator(option_name)], OptionValue] = {}
 
     @property
     def written(self) -> tuple[str, ...]:
