@@ -95,12 +95,8 @@ COMMANDS = {
         ),
         alone=True,
     ),
-    "restart": Command(
-        "DIR", "Go on from the last checkpoint of a result.", (("pdpetsc restart results/plate", ""),)
-    ),
-    "plot": Command(
-        "DIR", "Draw a field of a result.", (("pdpetsc plot results/plate --field damage --animate", ""),)
-    ),
+    "restart": Command("DIR", "Go on from the last checkpoint of a result.", (("pdpetsc restart results/plate", ""),)),
+    "plot": Command("DIR", "Draw a field of a result.", (("pdpetsc plot results/plate --field damage --animate", ""),)),
     "schema": Command(
         "",
         "Print the JSON Schema of case files, for editors.",

@@ -1,7 +1,7 @@
 """The JSON Schema of case files, by which editors complete and check them while they are written.
 
-It is made from the tables themselves. What tables must agree on (the dimension, names of sets and probes, what goes with
-what) it cannot say; `pdpetsc check` does.
+It is made from the tables themselves. What tables must agree on (the dimension, names of sets and probes, what goes
+with what) it cannot say; `pdpetsc check` does.
 """
 
 import json

@@ -4,7 +4,15 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, WithJsonSchema, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 import pdpetsc.materials  # noqa: F401  fills Material.models
 from pdpetsc.errors import InputError
@@ -34,7 +42,9 @@ def _influence(value: Any) -> str | Expression:
 Influence = Annotated[
     str | Expression,
     PlainValidator(_influence),
-    WithJsonSchema({"anyOf": [{"enum": [*INFLUENCE]}, {"type": ["number", "string"]}], "description": "of r = |xi|/delta"}),
+    WithJsonSchema(
+        {"description": "of r = |xi|/delta", "anyOf": [{"enum": [*INFLUENCE]}, {"type": ["number", "string"]}]}
+    ),
 ]
 
 

@@ -66,7 +66,9 @@ def test_a_case_of_all_kinds_of_values(validator):
         ("material.steel.influence", True), ("damage.steel.criterion", "stretch"), ("damage.steel.critical", "0.1"),
         ("load.0.kind", "push"), ("load.0.component", "w"), ("load.0.surface", "left"), ("load.0.value", [1.0]),
         ("solver.bonds_per_pass", "most"), ("solver.steps", 1.5), ("solver.steps", 0), ("petsc.snes_monitor", [1]),
-        ("loads", []), ("probe", [{"name": "a", "field": "u", "line": [[0.0, 0.0], [1.0, 0.0], 1]}]), ("variant.fine.body.spcing", 0.1), ("variant.fine.body.horizon", "wide"),
+        ("loads", []),
+        ("probe", [{"name": "a", "field": "u", "line": [[0.0, 0.0], [1.0, 0.0], 1]}]),
+        ("variant.fine.body.spcing", 0.1), ("variant.fine.body.horizon", "wide"),
         ("variant.fine.material.steel.E", "2"), ("variant.fine.expect", [{"value": "particles"}]),
     ],
 )  # fmt: skip
