@@ -4,20 +4,18 @@ What a case file may hold is in `schema`. A mistake is an `InputError` of one se
 would be right. Nothing here knows MPI or PETSc.
 """
 
-import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from pdpetsc.catalogue import find, read, shown
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import hint
 from pdpetsc.schema.messages import explain, place_expressions
 from pdpetsc.schema.tables import Description
 from pdpetsc.schema.values import setting_of
-
-BUNDLED = Path(__file__).parent / "cases"
 
 
 class Case(Description):
@@ -56,24 +54,6 @@ class Case(Description):
 # From the command line to a case.
 
 
-def bundled() -> dict[str, Path]:
-    """Return the files of the cases that come with the package, by name."""
-    return {path.stem: path for path in sorted(BUNDLED.glob("*.toml"))}
-
-
-def catalogue() -> list[tuple[str, str, list[str]]]:
-    """Return name, title and variants of every bundled case."""
-    documents = {name: _read(path) for name, path in bundled().items()}
-    return [
-        (name, document.get("title", ""), list(document.get("variant", {}))) for name, document in documents.items()
-    ]
-
-
-def is_case(word: str) -> bool:
-    """Tell whether a word of the command line names a case: FILE.toml, BUNDLED, or one of them with :VARIANT."""
-    return re.search(r"\.toml(:[^/]*)?$", word) is not None or word.partition(":")[0] in bundled()
-
-
 def load(argument: str, overrides: tuple[str, ...] | list[str] = ()) -> Case:
     """Read a case.
 
@@ -84,37 +64,12 @@ def load(argument: str, overrides: tuple[str, ...] | list[str] = ()) -> Case:
     Raises:
         InputError: There is no such case, or something in it or in an override is wrong.
     """
-    word, variant = re.fullmatch(r"(.*\.toml|.*?)(?::([^:/]*))?", argument, re.DOTALL).groups()
-    path = Path(word) if word.endswith(".toml") else bundled().get(word)
-    if path is None:
-        names = list(bundled())
-        choices = f"bundled cases: {', '.join(names)}; a case of your own is a path that ends in .toml"
-        raise InputError(f"there is no case {word!r}{hint(word, names)}; {choices}")
-    document = _with_variant(_read(path), variant, _shown(path))
+    path, variant = find(argument)
+    document = _with_variant(read(path), variant, shown(path))
     for override in overrides:
         _override(document, override)
     document = _with_paths(document, path.parent)
-    return Case.from_document(document, path.stem, variant, _shown(path), bool(overrides))
-
-
-def _shown(path: Path) -> str:
-    return path.name if path.parent == BUNDLED else str(path)
-
-
-def _read(path: Path) -> dict:
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        reason = "there is no such file"
-    except OSError as error:
-        reason = f"cannot be read: {error.strerror.lower()}"
-    except UnicodeDecodeError:
-        reason = "is not UTF-8 text"
-    except RecursionError:
-        reason = "is not valid TOML: nested too deeply"
-    except ValueError as error:
-        reason = f"is not valid TOML: {error}"
-    raise InputError(f"{_shown(path)}: {reason}")
+    return Case.from_document(document, path.stem, variant, shown(path), bool(overrides))
 
 
 def _with_variant(document: dict, variant: str | None, place: str) -> dict:

@@ -2,12 +2,15 @@
 
 import os
 import shutil
+import sys
+from dataclasses import asdict
 from pathlib import Path
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pdpetsc import __version__
+from pdpetsc import __version__, events
+from pdpetsc.advice import advise
 from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
@@ -15,11 +18,21 @@ from pdpetsc.io import tables
 from pdpetsc.io.checkpoint import CHECKPOINT, read_description
 from pdpetsc.io.plot import animate_result, plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
-from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
+from pdpetsc.observers import (
+    LOAD_STEPS,
+    MOTION,
+    BrokenBonds,
+    Checkpoint,
+    FieldOutput,
+    History,
+    JsonLines,
+    ProgressTable,
+)
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.simulation import Simulation
 from pdpetsc.summary import summary_of
+from pdpetsc.terminal import painted
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
@@ -99,10 +112,14 @@ def check(case: Case, ranks: int | None = None) -> int:
     available = available_memory()
     say(comm, f"{case.title or case.name}  ({case.path})")
     say(comm, report(prediction, case.units, available))
+    events.tell(comm, "prediction", available=available, **asdict(prediction))
+    for text in advise(case, prediction):
+        warn(comm, text)
     try:
         check_fits(prediction, available and available / prediction.ranks)
     except InputError as error:
         where = f"on {prediction.ranks} ranks" if prediction.ranks > 1 else "on one rank"
+        events.tell(comm, "error", text=error)
         say(comm, f"refused    {where} of this machine: {error}")
         return 2
     return 0
@@ -156,7 +173,8 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
         _announce(simulation)
     output = simulation.output
     simulation.observers = [
-        ProgressTable(comm, quiet, MOTION if case.solver.in_time else LOAD_STEPS),
+        ProgressTable(comm, quiet or events.wanted, MOTION if case.solver.in_time else LOAD_STEPS),
+        JsonLines(),
         History(out),
         FieldOutput(out, output.fields, case.written),
         Checkpoint(out, output.checkpoint),
@@ -178,6 +196,8 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
         if simulation.rows:
             _plot(comm, out, summary, simulation.rows, case.output)
     comm.tompi4py().Barrier()
+    ending = {key: summary[key] for key in ("status", "converged", "probes", "expect", "unused_options", "timings")}
+    events.tell(comm, "result", results=str(out), **ending)
     if not quiet:
         _report(comm, summary, out)
     if summary["unused_options"]:
@@ -221,7 +241,7 @@ def _report(comm, summary: dict, out: Path) -> None:
             say(comm, f"{name} = {value:.6g}")
     for e in summary["expect"]:
         tolerance = f" +- {e['tolerance']:.2g}" if e["tolerance"] else ""
-        verdict = "met" if e["met"] else "MISSED"
+        verdict = painted("met", "green", sys.stdout) if e["met"] else painted("MISSED", "red", sys.stdout)
         say(comm, f"{verdict}: {e['name']} = {_short(e['value'])}, expected {_short(e['expected'])}{tolerance}")
     t = summary["timings"]
     say(comm, f"{summary['status']} in {t['total']:.2f} s; results in {out}")

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, Strict, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, model_validator
 
 from pdpetsc.bonds import HORIZON_TOLERANCE
 from pdpetsc.schema.crack import Crack
@@ -11,13 +11,12 @@ from pdpetsc.schema.values import (
     Condition,
     Group,
     Horizon,
-    LayerWidth,
+    LayerThickness,
     Positive,
     SetName,
     Vector,
     formula,
     known_face,
-    layer_width,
     zeros_if_missing,
 )
 
@@ -56,7 +55,7 @@ class Body(Table):
     refine: formula() | None = None
     zones: Annotated[tuple[Zone, ...], Strict(False)] = ()
     cracks: Annotated[tuple[Crack, ...], Strict(False)] = ()
-    layers: dict[Annotated[str, AfterValidator(known_face)], Annotated[LayerWidth, PlainValidator(layer_width)]] = {}
+    layers: dict[Annotated[str, AfterValidator(known_face)], LayerThickness] = {}
 
     @property
     def dim(self) -> int:
@@ -99,6 +98,8 @@ class ParticleSet(Table):
     """The particles that meet a condition or belong to a group of the body's file, or the one nearest to a point. A
     plain text is a condition."""
 
+    plain = "string"
+
     where: Condition | None = None
     nearest: Vector | None = None
     group: Group | None = None
@@ -117,6 +118,8 @@ class ParticleSet(Table):
 class Surface(Table):
     """The pieces of the body's surface that meet a condition, or that a group of its mesh holds. A plain text is a
     condition."""
+
+    plain = "string"
 
     where: formula(condition=True, of_surface=True) | None = None
     group: Group | None = None

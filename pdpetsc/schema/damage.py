@@ -4,7 +4,7 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator, Strict
+from pydantic import BeforeValidator, Field, PlainValidator, Strict, WithJsonSchema
 
 import pdpetsc.damage  # noqa: F401  fills Criterion.criteria
 from pdpetsc.damage.base import Criterion
@@ -57,5 +57,9 @@ def _fraction(value: Any) -> float:
     raise ValueError('must be "worst", "all" or a fraction of the worst ratio between 0 and 1')
 
 
-Fraction = Annotated[float, PlainValidator(_fraction)]
+Fraction = Annotated[
+    float,
+    PlainValidator(_fraction),
+    WithJsonSchema({"anyOf": [{"enum": ["worst", "all"]}, {"type": "number", "minimum": 0, "maximum": 1}]}),
+]
 """Which of the bonds beyond their critical value fail together: those beyond this fraction of the worst."""

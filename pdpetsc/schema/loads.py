@@ -2,10 +2,10 @@
 
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BeforeValidator, Field, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from pdpetsc.schema.table import Table, error_at, exactly_one
-from pdpetsc.schema.values import Axes, Positive, SetName, SurfaceName, formula, unit_normal
+from pdpetsc.schema.values import Axes, Normal, Positive, SetName, SurfaceName, formula
 
 
 class _ComponentLoad(Table):
@@ -58,7 +58,7 @@ class Pressure(Table):
     kind: Literal["pressure"]
     surface: SurfaceName | None = None
     set: SetName | None = None
-    normal: Annotated[tuple[float, ...], PlainValidator(unit_normal)] | None = None
+    normal: Normal | None = None
     value: formula("t")
     width: Positive | None = None
     follower: bool | None = None

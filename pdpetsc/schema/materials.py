@@ -4,7 +4,15 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 import pdpetsc.materials  # noqa: F401  fills Material.models
 from pdpetsc.errors import InputError
@@ -31,6 +39,15 @@ def _influence(value: Any) -> str | Expression:
     return expression
 
 
+Influence = Annotated[
+    str | Expression,
+    PlainValidator(_influence),
+    WithJsonSchema(
+        {"description": "of r = |xi|/delta", "anyOf": [{"enum": [*INFLUENCE]}, {"type": ["number", "string"]}]}
+    ),
+]
+
+
 class AnyMaterial(Table):
     """What every `[material.NAME]` has, whatever its model."""
 
@@ -38,7 +55,7 @@ class AnyMaterial(Table):
     density: Positive | None = None
     where: SetName = "all"
     horizon: Horizon | None = None
-    influence: Annotated[str | Expression, PlainValidator(_influence)] = "constant"
+    influence: Influence = "constant"
     partial_volume: Literal["none", *PARTIAL_VOLUME] = "none"
     dual: bool = True
 

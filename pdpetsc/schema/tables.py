@@ -1,11 +1,10 @@
 """The tables of a case file, one model for each; their fields are the keys."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
     AfterValidator,
     Field,
-    PlainValidator,
     Strict,
     ValidationInfo,
     model_validator,
@@ -25,13 +24,13 @@ from pdpetsc.schema.values import (
     Count,
     FieldName,
     Name,
+    OptionValue,
     Positive,
     SetName,
     formula,
     new_set,
     new_surface,
     option_name,
-    option_value,
 )
 
 
@@ -232,7 +231,7 @@ class Description(Table):
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
-    petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}
+    petsc: dict[Annotated[str, AfterValidator(option_name)], OptionValue] = {}
 
     @property
     def written(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import re
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo, WithJsonSchema, model_validator
 
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
@@ -61,7 +61,10 @@ def formula(*more_names: str, condition: bool = False, of_surface: bool = False,
             raise ValueError(f"{value!r} is a number where a condition is needed, such as X < 0")
         return expression
 
-    return Annotated[Expression, PlainValidator(parse)]
+    names = ["X", "Y", "Z", *(NORMALS if of_surface else ()), *(["spacing"] if local else []), *more_names]
+    text = {"description": f"{'condition' if condition else 'number or expression'} of {', '.join(names)}"}
+    json = {"type": "string" if condition else ["number", "string"]} | text
+    return Annotated[Expression, PlainValidator(parse), WithJsonSchema(json)]
 
 
 def valid_name(value: str) -> str:
@@ -190,15 +193,51 @@ Name = Annotated[str, AfterValidator(valid_name)]
 SetName = Annotated[str, AfterValidator(known_set)]
 SurfaceName = Annotated[str, AfterValidator(known_surface)]
 Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
-Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
-Group = Annotated[str, PlainValidator(group_name)]
-Normal = Annotated[tuple[float, ...], PlainValidator(unit_normal)]
+Group = Annotated[str, PlainValidator(group_name), WithJsonSchema({"type": ["string", "integer"]})]
+Axes = Annotated[
+    tuple[int, ...],
+    PlainValidator(_axes),
+    WithJsonSchema({"anyOf": [{"enum": [*AXES, "all"]}, {"type": "array", "minItems": 1, "items": {"enum": [*AXES]}}]}),
+]
+Normal = Annotated[
+    tuple[float, ...],
+    PlainValidator(unit_normal),
+    WithJsonSchema(
+        {
+            "description": "an axis or a vector",
+            "anyOf": [
+                {"enum": [*AXES, *(f"-{axis}" for axis in AXES)]},
+                {"type": "array", "items": {"type": "number"}, "maxItems": 3},
+            ],
+        }
+    ),
+]
+LayerThickness = Annotated[
+    LayerWidth,
+    PlainValidator(layer_width),
+    WithJsonSchema(
+        {
+            "description": "'horizon', '2 horizon' or a length",
+            "anyOf": [
+                {"type": "number", "exclusiveMinimum": 0},
+                {"type": "string", "pattern": r"^(\d+\.?\d* )?horizons?$"},
+            ],
+        }
+    ),
+]
+OptionValue = Annotated[
+    Any,
+    PlainValidator(option_value),
+    WithJsonSchema({"type": ["number", "string", "boolean"], "description": "value of a PETSc option"}),
+]
 FieldName = Literal[*QUANTITIES]
 Condition = formula(condition=True)
 
 
 class Horizon(Table):
     """Radius of the families: a factor of the local spacing, or a length. A plain number is a factor."""
+
+    plain = "number"
 
     factor: formula() | None = None
     length: formula() | None = None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pdpetsc import case
+from pdpetsc import case, catalogue
 from pdpetsc.errors import InputError
 
 PLATE = """
@@ -288,9 +288,9 @@ def test_document_makes_the_same_case(plate):
 
 def test_bundled_cases(plate, tmp_path, monkeypatch):
     plate()
-    monkeypatch.setattr(case, "BUNDLED", tmp_path)
-    assert list(case.bundled()) == ["plate"]
-    assert case.catalogue() == [("plate", "Plate with a hole", ["coarse", "checked"])]
+    monkeypatch.setattr(catalogue, "BUNDLED", tmp_path)
+    assert list(catalogue.bundled()) == ["plate"]
+    assert list(catalogue.documents()["plate"]["variant"]) == ["coarse", "checked"]
     read = case.load("plate:coarse")
     assert (read.name, read.variant, read.path) == ("plate", "coarse", "plate.toml")
     assert "there is no case 'plates' (did you mean 'plate'?); bundled cases: plate" in message_of(case.load, "plates")
@@ -299,8 +299,8 @@ def test_bundled_cases(plate, tmp_path, monkeypatch):
 
 
 def test_every_bundled_case_and_variant_is_valid():
-    for name, _, variants in case.catalogue():
-        for argument in (name, *(f"{name}:{variant}" for variant in variants)):
+    for name, document in catalogue.documents().items():
+        for argument in (name, *(f"{name}:{variant}" for variant in document.get("variant", {}))):
             assert case.load(argument).title
 
 
@@ -314,8 +314,8 @@ def test_every_bundled_case_and_variant_is_valid():
 )  # fmt: skip
 def test_what_looks_like_a_case(word, expected, plate, tmp_path, monkeypatch):
     plate()
-    monkeypatch.setattr(case, "BUNDLED", tmp_path)
-    assert case.is_case(word) is expected
+    monkeypatch.setattr(catalogue, "BUNDLED", tmp_path)
+    assert catalogue.is_case(word) is expected
 
 
 def test_files_that_cannot_be_read(tmp_path, monkeypatch):
