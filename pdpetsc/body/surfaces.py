@@ -3,7 +3,8 @@
 import numpy as np
 
 from pdpetsc.body.border import BORDER
-from pdpetsc.body.box import FACES, NAMES, coordinates
+from pdpetsc.body.box import FACES, coordinates
+from pdpetsc.expressions import NAMES
 from pdpetsc.particles import Facets
 
 
