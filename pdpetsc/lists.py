@@ -128,12 +128,12 @@ def criteria() -> Iterator[Row]:
 
 def loads() -> Iterator[Row]:
     """Loads."""
-    from pdpetsc.schema.loads import LOAD_KINDS, Load
+    from pdpetsc.loads.base import Load
+    from pdpetsc.schema.loads import TABLES
 
-    tables = dict(zip(LOAD_KINDS, get_args(Load)))
-    for name, kind in sorted(tables.items()):
-        yield name, summary(kind)
-        yield "", f"keys: {_keys(kind, {'kind'})}"
+    for name, table in sorted(TABLES.items()):
+        yield name, summary(Load.kinds[name] if name in Load.kinds and not table.__doc__ else table)
+        yield "", f"keys: {_keys(table, {'kind'})}"
 
 
 def fields() -> Iterator[Row]:

@@ -4,7 +4,8 @@ border of a mesh, and what conditions and groups of the mesh choose of it."""
 import numpy as np
 
 from pdpetsc.body.border import BORDER, GROUP_BIT
-from pdpetsc.body.box import FACES, NAMES, coordinates
+from pdpetsc.body.box import FACES, coordinates
+from pdpetsc.expressions import NAMES
 from pdpetsc.particles import Facets
 
 

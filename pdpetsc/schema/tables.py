@@ -14,7 +14,7 @@ from pdpetsc.expressions import hint
 from pdpetsc.quantities import CHEAP, QUANTITIES
 from pdpetsc.schema.body import Body, ParticleSet, Surface
 from pdpetsc.schema.damage import DamageTable, Fraction
-from pdpetsc.schema.loads import AnyLoad
+from pdpetsc.schema.loads import LoadTable
 from pdpetsc.schema.materials import MaterialTable
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.refinement import Refinement
@@ -224,7 +224,7 @@ class Description(Table):
     surfaces: dict[Annotated[Name, AfterValidator(new_surface)], Surface] = {}
     material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
     damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
-    load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
+    load: Annotated[tuple[LoadTable, ...], Strict(False)] = ()
     solver: Annotated[Solver, AfterValidator(of_failing_bonds), AfterValidator(of_motion)] = Solver()
     refinement: Annotated[Refinement | None, AfterValidator(of_cells)] = None
     initial: Annotated[tuple[Initial, ...], Strict(False), AfterValidator(of_time)] = ()

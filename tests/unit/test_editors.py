@@ -58,7 +58,7 @@ def test_a_case_of_all_kinds_of_values(validator):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        ("body.spcing", 0.1), ("body.spacing", "0.1"), ("body.spacing", -0.1), ("body.spacing", None),
+        ("body.spcing", 0.1), ("body.spacing", "0.1"), ("body.spacing", -0.1),
         ("body.size", []), ("body.size", [1.0, 1.0, 1.0, 1.0]), ("body.horizon", "wide"), ("body.horizon", [2.0]),
         ("body.horizon", {"radius": 2.0}), ("body.layers.left", "3 metres"), ("body.keep", 1.0),
         ("sets.end", 1.0), ("sets.tip", {"nearest": 1.0}), ("material", {}), ("material.steel.model", "steel"),
