@@ -2,9 +2,28 @@
 
 import hashlib
 import os
+from importlib import import_module
 from pathlib import Path
 
 __version__ = "0.1.0"
+
+_ROOMS = {
+    "load": "case", "Case": "case", "build": "api", "solve": "api", "Run": "api", "Observer": "api",
+    "Load": "loads.base", "Material": "materials.base", "Criterion": "damage.base",
+    "InputError": "errors", "ConvergenceError": "errors", "Stop": "errors",
+}  # fmt: skip
+"""Where the names of the Python API are (docs/python.md)."""
+
+
+def __getattr__(name: str):
+    """Import a name of the API when it is first asked for: `import pdpetsc` alone needs neither PETSc nor MPI."""
+    if name not in _ROOMS:
+        raise AttributeError(f"module 'pdpetsc' has no attribute {name!r}")
+    return getattr(import_module(f"pdpetsc.{_ROOMS[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_ROOMS})
 
 
 def _use_cache_of_these_sources() -> None:

@@ -10,15 +10,17 @@ INSTALL = (
 
 def main() -> int:
     """Run the command line and return its exit code."""
+    from pdpetsc import catalogue, cli, options
+
+    ours, petsc = options.split(sys.argv[1:], catalogue.is_case)
+    if (code := cli.answer(ours)) is not None:
+        return code
     try:
         import mpi4py  # noqa: F401
         import petsc4py  # noqa: F401
     except ImportError as error:
         print(f"pdpetsc: error: {error.name} is missing; {INSTALL}", file=sys.stderr)
         return 2
-    from pdpetsc import case, cli, options
-
-    ours, petsc = options.split(sys.argv[1:], case.is_case)
     try:
         options.start(petsc, cli.petsc_defaults(ours))
     except (ImportError, ValueError) as error:  # another MPI, a wrong PETSC_DIR, or numpy 2 with an old petsc4py

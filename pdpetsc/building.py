@@ -1,12 +1,15 @@
 """From a case to its particles and materials."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from petsc4py import PETSc
 
 from pdpetsc.adapt.refinement import Refinement
 from pdpetsc.body.box import Lattice, box
+from pdpetsc.body.columns import checked_apart
+from pdpetsc.body.given import given_particles, source_of
 from pdpetsc.body.horizons import horizon_field
 from pdpetsc.body.sets import Sets
 from pdpetsc.body.surfaces import on_surface
@@ -28,12 +31,21 @@ def distributed_particles(comm: PETSc.Comm, case: Case) -> Particles:
     body, mpi = case.body, comm.tompi4py()
     horizon = horizon_field(body, case.material, case.sets)
     loaded = _loaded(case)
-    points = box(mpi, body, body.keep, horizon, loaded is not None, zones_of(case))
+    source = None if body.shape == "box" else source_of(case)
+    if source is None:
+        points = box(mpi, body, body.keep, horizon, loaded is not None, zones_of(case))
+    else:
+        points = given_particles(mpi, source, body.keep, horizon)
     if loaded:
         facets = points.facets
         with collective(mpi):
             points.facets = facets.chosen(loaded(facets, points.spacing[np.searchsorted(points.id, facets.parent)]))
-    return distribute(comm, points, body.horizon_tolerance)
+    p = distribute(comm, points, body.horizon_tolerance)
+    if source and source.in_slices:  # of other files one rank has seen all particles
+        noun = source.noun if body.keep is None else "particle"
+        with collective(mpi):
+            checked_apart(p.position, p.spacing, source.path, noun, p.id + 1, "leave one of them out")
+    return p
 
 
 def _loaded(case: Case) -> Callable[[Facets, np.ndarray], np.ndarray] | None:
@@ -53,13 +65,14 @@ def refinement_of(case: Case) -> Refinement | None:
     return Refinement(case.refinement, lattice, _loaded(case), case.body.horizon_tolerance)
 
 
-def expected_blocks(case: Case) -> float:
-    """Of the assembled tangent, counted without looking at the ranks; where a quick look finds no particle, too many
-    to be assembled."""
-    try:
-        return take_census(case, QUICK).blocks
-    except InputError:
-        return float("inf")
+def expected_blocks(comm: PETSc.Comm, case: Case) -> float:
+    """Of the assembled tangent, counted by the first rank without looking at the others (collective); where a quick
+    look finds no particle, too many to be assembled."""
+    blocks = float("inf")
+    if comm.rank == 0:
+        with suppress(InputError):
+            blocks = take_census(case, QUICK).blocks
+    return comm.tompi4py().bcast(blocks)
 
 
 def materials_of(

@@ -4,20 +4,23 @@ What a case file may hold is in `schema`. A mistake is an `InputError` of one se
 would be right. Nothing here knows MPI or PETSc.
 """
 
-import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from pdpetsc.catalogue import find, read, shown
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import hint
+from pdpetsc.schema.extended import description
 from pdpetsc.schema.messages import explain, place_expressions
 from pdpetsc.schema.tables import Description
 from pdpetsc.schema.values import setting_of
 
-BUNDLED = Path(__file__).parent / "cases"
+IN_MEMORY = "case"
+"""What a case that comes from no file is called."""
 
 
 class Case(Description):
@@ -45,76 +48,57 @@ class Case(Description):
             InputError: The first mistake, with file and key path, and how many more there are.
         """
         try:
-            description = Description.model_validate(document, context=setting_of(document))
+            case = description().model_validate(document, context=setting_of(document))
         except ValidationError as error:
             raise InputError(f"{path}: {explain(error, document)}") from None
-        place_expressions(description, (), document, path)
+        place_expressions(case, (), document, path)
         origin = {"name": name, "variant": variant, "path": path, "overridden": overridden, "document": document}
-        return cls.model_construct(**dict(description), **origin)
+        return cls.model_construct(**dict(case), **origin)
 
 
-# From the command line to a case.
+# From the command line or a script to a case.
 
 
-def bundled() -> dict[str, Path]:
-    """Return the files of the cases that come with the package, by name."""
-    return {path.stem: path for path in sorted(BUNDLED.glob("*.toml"))}
-
-
-def catalogue() -> list[tuple[str, str, list[str]]]:
-    """Return name, title and variants of every bundled case."""
-    documents = {name: _read(path) for name, path in bundled().items()}
-    return [
-        (name, document.get("title", ""), list(document.get("variant", {}))) for name, document in documents.items()
-    ]
-
-
-def is_case(word: str) -> bool:
-    """Tell whether a word of the command line names a case: FILE.toml, BUNDLED, or one of them with :VARIANT."""
-    return re.search(r"\.toml(:[^/]*)?$", word) is not None or word.partition(":")[0] in bundled()
-
-
-def load(argument: str, overrides: tuple[str, ...] | list[str] = ()) -> Case:
+def load(argument: str | Path | Mapping, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Case:
     """Read a case.
 
     Args:
-        argument: A path that ends in .toml or the name of a bundled case, with :VARIANT for a variant.
-        overrides: Texts "key=value" with a dotted key and a TOML value; other text is taken as a string.
+        argument: A path that ends in .toml or the name of a bundled case, with :VARIANT for a variant; or the tables of
+            a case as dictionaries, with the keys of the file.
+        overrides: Values by dotted keys, as in {"body.spacing": 0.5, "load.0.value": "t"}; or texts "key=value" with a
+            TOML value, where other text is taken as a string.
 
     Raises:
         InputError: There is no such case, or something in it or in an override is wrong.
     """
-    word, variant = re.fullmatch(r"(.*\.toml|.*?)(?::([^:/]*))?", argument, re.DOTALL).groups()
-    path = Path(word) if word.endswith(".toml") else bundled().get(word)
-    if path is None:
-        names = list(bundled())
-        choices = f"bundled cases: {', '.join(names)}; a case of your own is a path that ends in .toml"
-        raise InputError(f"there is no case {word!r}{hint(word, names)}; {choices}")
-    document = _with_variant(_read(path), variant, _shown(path))
+    if isinstance(argument, Mapping):
+        path, document = Path(IN_MEMORY), _plain(argument)
+        variant = None
+    else:
+        path, variant = find(str(argument))
+        document = read(path)
+    document = _with_variant(document, variant, shown(path))
     for override in overrides:
-        _override(document, override)
+        if isinstance(overrides, Mapping):
+            _override(document, override, _plain(overrides[override]), f"override {override}")
+        else:
+            key, equals, text = override.partition("=")
+            if not equals or not key.strip():
+                raise InputError(f"--set {override}: must be key=value, for example body.spacing=0.01")
+            _override(document, key, _toml_value(text), f"--set {override}")
     document = _with_paths(document, path.parent)
-    return Case.from_document(document, path.stem, variant, _shown(path), bool(overrides))
+    return Case.from_document(document, path.stem, variant, shown(path), bool(overrides))
 
 
-def _shown(path: Path) -> str:
-    return path.name if path.parent == BUNDLED else str(path)
-
-
-def _read(path: Path) -> dict:
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        reason = "there is no such file"
-    except OSError as error:
-        reason = f"cannot be read: {error.strerror.lower()}"
-    except UnicodeDecodeError:
-        reason = "is not UTF-8 text"
-    except RecursionError:
-        reason = "is not valid TOML: nested too deeply"
-    except ValueError as error:
-        reason = f"is not valid TOML: {error}"
-    raise InputError(f"{_shown(path)}: {reason}")
+def _plain(value: Any) -> Any:
+    """A copy of what a script gives, in the types of TOML; an entry that is None is none."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items() if inner is not None}
+    if hasattr(value, "tolist"):  # of numpy
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def _with_variant(document: dict, variant: str | None, place: str) -> dict:
@@ -142,7 +126,7 @@ def _merged(base: dict, changes: dict) -> dict:
 
 
 def _with_paths(document: dict, folder: Path) -> dict:
-    """Return tables whose meshes can be found from anywhere; in the case file their paths are relative to it."""
+    """Return tables whose files can be found from anywhere; in the case file their paths are relative to it."""
 
     def found(cracks: Any) -> Any:
         if not isinstance(cracks, list):
@@ -155,8 +139,15 @@ def _with_paths(document: dict, folder: Path) -> dict:
         ]
 
     document = dict(document)
-    if isinstance(document.get("body"), dict) and "cracks" in document["body"]:
-        document["body"] = document["body"] | {"cracks": found(document["body"]["cracks"])}
+    if isinstance(document.get("body"), dict):
+        body = dict(document["body"])
+        if "cracks" in body:
+            body["cracks"] = found(body["cracks"])
+        document["body"] = body | {
+            key: str((folder / body[key]).resolve())
+            for key in ("mesh", "points")
+            if body.get(key) and isinstance(body[key], str)
+        }
     if isinstance(document.get("damage"), dict):
         document["damage"] = {
             name: table | {"along": found(table["along"])} if isinstance(table, dict) and "along" in table else table
@@ -165,11 +156,8 @@ def _with_paths(document: dict, folder: Path) -> dict:
     return document
 
 
-def _override(document: dict, override: str) -> None:
+def _override(document: dict, key: str, value: Any, shown: str) -> None:
     """Set one entry; an entry of a list is named by its index, as in load.0.value."""
-    key, equals, text = override.partition("=")
-    if not equals or not key.strip():
-        raise InputError(f"--set {override}: must be key=value, for example body.spacing=0.01")
     inner: Any = document
     *parents, last = key.strip().split(".")
 
@@ -177,13 +165,13 @@ def _override(document: dict, override: str) -> None:
         entries = inner if isinstance(inner, dict) else range(len(inner)) if isinstance(inner, list) else ()
         if isinstance(inner, dict) or part in map(str, entries):
             return part if isinstance(inner, dict) else int(part)
-        raise InputError(f"--set {override}: there is no entry {part!r} to set")
+        raise InputError(f"{shown}: there is no entry {part!r} to set")
 
     for part in parents:
         if isinstance(inner, dict):
             inner.setdefault(part, {})
         inner = inner[place(part)]
-    inner[place(last)] = _toml_value(text)
+    inner[place(last)] = value
 
 
 def _toml_value(text: str) -> Any:

@@ -1,8 +1,8 @@
 """Counts a body that is not built: its particles, and from a sample of them bonds and rows of the tangents.
 
 A low-discrepancy sequence spreads the sample over the lattice. Around each particle of it the lattice is made, with
-holes, layers, finer cells and the horizons of materials, as far as two horizons; cracks are left out. Every rank
-counts the same, and nothing is communicated.
+holes, layers, finer cells and the horizons of materials, as far as two horizons; cracks are left out. Of a body from a
+file all particles are counted and a sample of them likewise. Nothing is communicated: one rank counts for all.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pdpetsc.body.box import BLOCK, NOTHING_LEFT, Lattice, blocks_of, coordinates
+from pdpetsc.body.columns import GROUPS
+from pdpetsc.body.given import source_of
 from pdpetsc.body.horizons import horizon_field
+from pdpetsc.body.sampling import near, sample_of
 from pdpetsc.body.zones import zones_of
 from pdpetsc.bonds import Families, check_not_lonely, find_families
 from pdpetsc.case import Case
@@ -75,7 +78,7 @@ def take_census(case: Case, effort: Effort = FULL) -> Census:
     Raises:
         InputError: there is no such body, or a material cannot be made on it.
     """
-    survey = _Survey(case)
+    survey = _LatticeSurvey(case) if case.body.shape == "box" else _FileSurvey(case, effort)
     particles, exact = survey.count(effort)
     places, weight = survey.sample(effort)
     if not places:
@@ -134,60 +137,21 @@ class _View(NamedTuple):
 
 
 class _Survey:
-    """The lattice of a case, looked at in places."""
+    """A body that is looked at in places: `count`, `sample` and `around` say what is there."""
 
     def __init__(self, case: Case):
         self._case = case
         self._horizon = horizon_field(case.body, case.material, case.sets)
-        self._lattice = Lattice.of(case.body, case.body.keep, self._horizon, zones_of(case))
         self._tolerance = 1 + case.body.horizon_tolerance
         self._reach = 0.0  # largest horizon in the sample, with tolerance
 
-    def _points(self, index: np.ndarray, roughly: bool = True) -> Points:
-        return self._lattice.points(index, self._lattice.divisions(index), self._horizon, roughly=roughly)
-
-    def count(self, effort: Effort) -> tuple[int, bool]:
-        """The number of particles, and whether it is exact because all cells were looked at."""
-        cells, body, most = self._lattice.cells, self._case.body, effort.cells
-        if body.keep is None and body.refine is None and not body.zones:
-            return cells, True
-
-        def found(index):
-            return len(self._points(index, effort.roughly).id)
-
-        if cells <= most:
-            exact = not (body.fitted and effort.roughly)
-            return sum(found(self._lattice.indices(numbers)) for numbers in blocks_of(cells)), exact
-        sampled = sum(found(spread(self._lattice, numbers)) for numbers in blocks_of(most))
-        return round(sampled / most * cells), False
-
-    def sample(self, effort: Effort) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
-        """Cell and position of each particle of the sample, one of a cell, and how many the cell has."""
-        lattice, places, weight = self._lattice, [], []
-        few = lattice.cells <= effort.samples
-        for numbers in [np.arange(lattice.cells)] if few else _growing(effort):
-            index = lattice.indices(numbers) if few else spread(lattice, numbers)
-            points = self._points(index)
-            self._reach = max(self._reach, float(points.horizon.max(initial=0.0)) * self._tolerance)
-            for cell, first, count in zip(*np.unique(points.id, return_index=True, return_counts=True)):
-                one = first + int(count * (len(places) * GOLDEN % 1))
-                places.append((index[cell], points.position[one]))
-                weight.append(count)
-            if len(places) >= effort.samples:
-                break
-        return places[: effort.samples], np.array(weight[: effort.samples], float)
-
     def view(self, place: tuple[np.ndarray, np.ndarray], horizons: int = 1) -> _View:
-        """The particles in all cells as far as so many of the largest horizons from a place."""
-        lattice, (cell, position) = self._lattice, place
-        reach = np.ceil(horizons * self._reach / lattice.cell + 1).astype(np.int64)
-        low = np.maximum(cell - reach, lattice.first)
-        high = np.minimum(cell + reach, lattice.first + lattice.counts - 1)
-        axes = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high)), indexing="ij")
-        p = self._points(np.stack([axis.ravel() for axis in axes], axis=1))
-        distance = np.linalg.norm(p.position - position, axis=1)
+        """The particles as far as so many of the largest horizons from a place, and more of them."""
+        p = self.around(place, horizons)
+        distance = np.linalg.norm(p.position - place[1], axis=1)
         order = np.argsort(distance, kind="stable")
-        p = Points(*(getattr(p, name)[order] for name in ("id", "position", "volume", "spacing", "horizon")))
+        columns = (getattr(p, name)[order] for name in ("id", "position", "volume", "spacing", "horizon"))
+        p = Points(*columns, carried={name: values[order] for name, values in p.carried.items()})
         distance, limit = distance[order], p.horizon * self._tolerance
         family, dual = distance <= limit[0], distance <= limit
         family[0] = dual[0] = False
@@ -202,6 +166,9 @@ class _Survey:
                 names[:] = name
             elif where.where is not None:
                 names[where.where.mask(**coordinates(p.position, p.spacing))] = name
+            elif where.group is not None:
+                groups = [name for name, spec in self._case.sets.items() if spec.group is not None]
+                names[p.carried[GROUPS][:, groups.index(spec.where)] > 0] = name
         return names
 
     def materials(self, views: list[_View]) -> tuple[dict[str, Material], dict[str, float]]:
@@ -243,6 +210,80 @@ class _Survey:
             wide = self.view(place, 2) if coupling else view
             rows.append(wide.row(coupling, self._tolerance - 1))
         return rows
+
+
+class _LatticeSurvey(_Survey):
+    """The lattice of a case."""
+
+    def __init__(self, case: Case):
+        super().__init__(case)
+        self._lattice = Lattice.of(case.body, case.body.keep, self._horizon, zones_of(case))
+
+    def _points(self, index: np.ndarray, roughly: bool = True) -> Points:
+        return self._lattice.points(index, self._lattice.divisions(index), self._horizon, roughly=roughly)
+
+    def count(self, effort: Effort) -> tuple[int, bool]:
+        """The number of particles, and whether it is exact because all cells were looked at."""
+        cells, body, most = self._lattice.cells, self._case.body, effort.cells
+        if body.keep is None and body.refine is None and not body.zones:
+            return cells, True
+
+        def found(index):
+            return len(self._points(index, effort.roughly).id)
+
+        if cells <= most:
+            exact = not (body.fitted and effort.roughly)
+            return sum(found(self._lattice.indices(numbers)) for numbers in blocks_of(cells)), exact
+        sampled = sum(found(spread(self._lattice, numbers)) for numbers in blocks_of(most))
+        return round(sampled / most * cells), False
+
+    def sample(self, effort: Effort) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+        """Cell and position of each particle of the sample, one of a cell, and how many the cell has."""
+        lattice, places, weight = self._lattice, [], []
+        few = lattice.cells <= effort.samples
+        for numbers in [np.arange(lattice.cells)] if few else _growing(effort):
+            index = lattice.indices(numbers) if few else spread(lattice, numbers)
+            points = self._points(index)
+            self._reach = max(self._reach, float(points.horizon.max(initial=0.0)) * self._tolerance)
+            for cell, first, count in zip(*np.unique(points.id, return_index=True, return_counts=True)):
+                one = first + int(count * (len(places) * GOLDEN % 1))
+                places.append((index[cell], points.position[one]))
+                weight.append(count)
+            if len(places) >= effort.samples:
+                break
+        return places[: effort.samples], np.array(weight[: effort.samples], float)
+
+    def around(self, place: tuple[np.ndarray, np.ndarray], horizons: int) -> Points:
+        """The particles in all cells as far as so many of the largest horizons from a place."""
+        lattice, (cell, _) = self._lattice, place
+        reach = np.ceil(horizons * self._reach / lattice.cell + 1).astype(np.int64)
+        low = np.maximum(cell - reach, lattice.first)
+        high = np.minimum(cell + reach, lattice.first + lattice.counts - 1)
+        axes = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high)), indexing="ij")
+        return self._points(np.stack([axis.ravel() for axis in axes], axis=1))
+
+
+class _FileSurvey(_Survey):
+    """The particles that a file gives."""
+
+    def __init__(self, case: Case, effort: Effort):
+        super().__init__(case)
+        keep, source = case.body.keep, source_of(case)
+        self._sample = sample_of(source, keep, self._horizon, effort.samples, self._tolerance)
+        self._reach = self._sample.reach
+
+    def count(self, effort: Effort) -> tuple[int, bool]:
+        """All of them have been looked at."""
+        return self._sample.count, True
+
+    def sample(self, effort: Effort) -> tuple[list[tuple[None, np.ndarray]], np.ndarray]:
+        """The place of each particle of the sample, which stands for as many as any other."""
+        middles = self._sample.middles
+        return [(None, middle) for middle in middles], np.ones(len(middles))
+
+    def around(self, place: tuple[None, np.ndarray], horizons: int) -> Points:
+        """The particles as far as so many of the largest horizons from a place."""
+        return near(self._sample, place[1], horizons * self._reach)
 
 
 def _growing(effort: Effort) -> Iterator[np.ndarray]:

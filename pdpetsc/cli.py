@@ -1,122 +1,94 @@
 """The command line: what is asked for, and how a run ends."""
 
 import argparse
-import shutil
+import os
 import sys
-import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
-from mpi4py import MPI
-
-from pdpetsc import __version__, case, parallel
+from pdpetsc import __version__, catalogue, commands, events, terminal
+from pdpetsc.commands import COMMANDS, DEFAULT_CASE, LISTS, OPTIONS, SHELLS
 from pdpetsc.errors import ConvergenceError, InputError
-from pdpetsc.expressions import hint
-from pdpetsc.io.view import View, section
 
-DEFAULT_CASE = "clamped_beam"
-COMMANDS = ("run", "check", "list", "restart", "plot", "report")
-HELP = f"""\
-pdpetsc {__version__}: implicit peridynamics in parallel, on PETSc
 
-  pdpetsc [run] [CASE] [--out DIR] [--set key=value ...] [--quiet] [PETSc options]
-  pdpetsc check [CASE] [--set key=value ...] [--ranks N] [PETSc options]
-  pdpetsc restart DIR [--quiet] [PETSc options]
-  pdpetsc plot DIR [--field NAME] [--component xx] [--step N] [--section x=0.05] [--animate]
-  pdpetsc plot DIR --curve [X Y] | --convergence
-  pdpetsc report DIR
-  pdpetsc list
+def hint(word: str, choices) -> str:
+    """As `expressions.hint`, which is loaded only when it is needed."""
+    from pdpetsc import expressions
 
-CASE is a path that ends in .toml or the name of a bundled case, NAME:VARIANT for a variant
-(default: {DEFAULT_CASE}).
-
-  --out DIR         where results go (default: results/CASE); an earlier result there is replaced
-  --set key=value   override one entry of the case: body.spacing=0.01, load.0.value="-1e-4 * t"
-  --ranks N         check: on how many ranks the case would run (default: as many as there are)
-  --field NAME      plot: what colours DIR/NAME.png, as u, damage, stress (default: as in the case)
-  --component NAME  plot: x, xx, magnitude, von_mises, 1 (principal value) ... of the field
-  --step N          plot: a step of the field file (default: the last)
-  --section x=0.05  plot: a body of three dimensions cut open
-  --animate         plot: all steps of the field file, as DIR/NAME.gif
-  --curve [X Y]     plot: columns of history.csv, Y over X, as DIR/curve.png (default: the case's)
-  --convergence     plot: residuals of Newton's method, as DIR/convergence.png
-  --quiet           print warnings and errors only
-  --version         print the version
-  -h, --help        print this text; -help is PETSc's own
-
-Options with one dash go to PETSc and win over [petsc] in the case. `check` tells in seconds what a
-run will take: particles, bonds, matrices, solver, memory, the stable step of explicit dynamics.
-
-Examples:
-  pdpetsc                                          the built-in case, in seconds
-  pdpetsc plate.toml:coarse --out /tmp/plate       a variant of a case of your own
-  mpirun -n 4 python -m pdpetsc plate.toml -snes_monitor -ksp_type cg -pc_type gamg
-  pdpetsc check plate.toml --ranks 64              would it fit?
-  pdpetsc restart results/plate                    go on from the last checkpoint
-  pdpetsc plot results/plate --field stress --component xx
-  pdpetsc report results/plate                     all of a result on one page, report.html
-
-Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
-4 an expectation missed."""
+    return expressions.hint(word, choices)
 
 
 class _Parser(argparse.ArgumentParser):
     """Reports mistakes as InputError, so that they are said once and not by every rank."""
 
     def error(self, message: str):
-        raise InputError(f"{message}; see pdpetsc --help")
+        unknown = message.removeprefix("unrecognized arguments: ").split()[0]
+        near = hint(unknown, OPTIONS) if message.startswith("unrecognized") else ""
+        raise InputError(f"{message}{near}; see pdpetsc --help")
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """Read our own arguments: `command`, `operand` (a case or a directory), `out`, `overrides`, `ranks`,
-    what is drawn (`PICTURES`), `quiet`.
+    """Read our own arguments: `command`, `operand` (a case, a directory, a list ...), and the options of `commands` by
+    name, --set as `overrides`.
 
     Raises:
         InputError: The command line makes no sense.
     """
     parser = _Parser(prog="pdpetsc", add_help=False, allow_abbrev=False)
     parser.add_argument("words", nargs="*")
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="key=value")
-    parser.add_argument("--ranks", type=int)
-    parser.add_argument("--field")
-    parser.add_argument("--component")
-    parser.add_argument("--step", type=int)
-    parser.add_argument("--section", type=section)
-    parser.add_argument("--animate", action="store_true")
-    parser.add_argument("--curve", nargs="*", metavar="column")
-    parser.add_argument("--convergence", action="store_true")
-    parser.add_argument("--quiet", action="store_true")
+    for name, about in OPTIONS.items():
+        parser.add_argument(name, **about.as_argument())
     parser.add_argument("--version", action="store_true")
     parser.add_argument("-h", "--help", action="store_true")
     request = parser.parse_intermixed_args(arguments)
     words = request.words
     request.command = words.pop(0) if words and words[0] in COMMANDS else "run"
     if request.help or request.version:
+        request.operand = request.command if request.command in arguments else None
         request.command = "help" if request.help else "version"
         return request
-    takes_case = request.command in ("run", "check")
-    known = 0 if request.command == "list" else 1
-    unknown = [word for word in words if not case.is_case(word)] if takes_case else words[known:]
-    if unknown:
-        names = [*COMMANDS, *case.bundled()]
-        raise InputError(
-            f"unknown word {unknown[0]!r}{hint(unknown[0].partition(':')[0], names)}; commands: {', '.join(COMMANDS)}; "
-            f"bundled cases: {', '.join(case.bundled())}; a case of your own is a path that ends in .toml"
-        )
-    if len(words) > known:
-        raise InputError(f"more than one case: {', '.join(words)}")
-    if request.command in ("restart", "plot", "report") and not words:
-        raise InputError(f"{request.command} needs the directory of an earlier result")
+    _check_words(request.command, words)
+    for name, about in OPTIONS.items():
+        dest = about.dest or name.strip("-").replace("-", "_")
+        if getattr(request, dest) != parser.get_default(dest) and request.command not in about.commands:
+            raise InputError(f"{name} goes with {', '.join(about.commands)}, not with {request.command}")
+    if request.ranks is not None and request.ranks < 1:
+        raise InputError("--ranks is a positive number of ranks")
     _check_picture(request)
-    if not takes_case and (request.out or request.overrides):
-        raise InputError(f"{request.command} takes neither --out nor --set")
-    if request.command == "check" and request.out:
-        raise InputError("check takes no --out: it writes nothing")
-    if request.ranks is not None and (request.command != "check" or request.ranks < 1):
-        raise InputError("--ranks is a positive number of ranks and goes with check; a run is on those of mpirun -n")
-    request.operand = words[0] if words else DEFAULT_CASE
+    request.operand = words[0] if words else DEFAULT_CASE if request.command in ("run", "check") else None
     return request
+
+
+def _check_words(command: str, words: list[str]) -> None:
+    """Check what follows a command.
+
+    Raises:
+        InputError: It is not what the command takes.
+    """
+    if len(words) > 1 and command in ("run", "check") and all(map(catalogue.is_case, words)):
+        raise InputError(f"more than one case: {', '.join(words)}")
+    if command in ("restart", "plot", "report") and not words:
+        raise InputError(f"{command} needs the directory of an earlier result")
+    if command == "completion" and not (words and words[0] in SHELLS):
+        near = hint(words[0], SHELLS) if words else ""
+        raise InputError(f"completion needs the name of a shell{near}: {', '.join(SHELLS)}")
+    if command == "new" and words and not words[0].endswith(".toml"):
+        raise InputError(f"new writes a file that ends in .toml, not {words[0]!r}")
+    fits = {
+        "run": catalogue.is_case,
+        "check": catalogue.is_case,
+        "list": lambda word: word in LISTS or catalogue.is_case(word),
+        "schema": lambda word: False,
+    }.get(command, lambda word: True)
+    unknown = [word for place, word in enumerate(words) if place > 0 or not fits(word)]
+    if unknown:
+        word, bundled = unknown[0], list(catalogue.bundled())
+        lists = LISTS if command == "list" else ()
+        raise InputError(
+            f"unknown word {word!r}{hint(word.partition(':')[0], [*COMMANDS, *lists, *bundled])}; "
+            f"{'lists: ' if lists else 'commands: '}{', '.join(lists or COMMANDS)}; bundled cases: "
+            f"{', '.join(bundled)}; a case of your own is a path that ends in .toml"
+        )
 
 
 PICTURES = {"field": None, "component": None, "step": None, "section": None, "animate": False}
@@ -126,8 +98,6 @@ PICTURES = {"field": None, "component": None, "step": None, "section": None, "an
 def _check_picture(request: argparse.Namespace) -> None:
     of_body = [name for name, default in PICTURES.items() if getattr(request, name) != default]
     instead = ["curve"] * (request.curve is not None) + ["convergence"] * request.convergence
-    if request.command != "plot" and (given := of_body + instead):
-        raise InputError(f"--{given[0]} goes with plot; a run's picture is that of output.picture in the case")
     if len(instead) > 1 or (instead and of_body):
         raise InputError(f"--{instead[0]} does not go with --{(instead[1:] + of_body)[0]}: one picture at a time")
     if request.curve and len(request.curve) != 2:
@@ -141,6 +111,8 @@ def petsc_defaults(arguments: list[str]) -> Mapping:
 
     A mistake is passed over here: `main` meets it again and reports it.
     """
+    from pdpetsc import case
+
     try:
         request = parse(arguments)
         if request.command in ("run", "check"):
@@ -152,6 +124,27 @@ def petsc_defaults(arguments: list[str]) -> Mapping:
     return {}
 
 
+def answer(arguments: list[str]) -> int | None:
+    """Do what needs neither PETSc nor MPI, where there are no other ranks; they could not be made to fail together.
+
+    Returns:
+        The exit code, or None: nothing was done, `main` must.
+    """
+    if terminal.launched():
+        return None
+    try:
+        request = parse(arguments)
+        if request.command in COMMANDS and not COMMANDS[request.command].alone:
+            return None
+        print(_answer(request), flush=True)
+    except BrokenPipeError:  # the reader has seen enough; Python would complain when it closes the stream
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except InputError as error:
+        _complain(error)
+        return 2
+    return 0
+
+
 def main(arguments: list[str]) -> int:
     """Do what the command line asks for, on all ranks.
 
@@ -161,34 +154,50 @@ def main(arguments: list[str]) -> int:
     Returns:
         The exit code.
     """
+    from mpi4py import MPI
+
+    from pdpetsc import parallel
+
     parallel.abort_on_exception()
     comm = MPI.COMM_WORLD
+    events.wanted = "--json-lines" in arguments
+    code, message = 0, None
     try:
-        return _do(parse(arguments), comm)
+        code = _do(parse(arguments), comm)
     except InputError as error:
         code, message = 2, error
     except ConvergenceError as error:
         code, message = 3, error
-    if comm.rank == 0:
-        print(f"pdpetsc: error: {message}", file=sys.stderr, flush=True)
+    if message and comm.rank == 0:
+        _complain(message)
+    if message:
+        events.tell(comm, "error", text=message)
+    events.tell(comm, "end", exit_code=code)
     return code
 
 
+def _complain(error: Exception) -> None:
+    print(terminal.painted(f"pdpetsc: error: {error}", "red", sys.stderr), file=sys.stderr, flush=True)
+
+
 def _do(request: argparse.Namespace, comm) -> int:
-    if request.command == "help":
-        parallel.say(comm, HELP)
-    elif request.command == "version":
-        parallel.say(comm, f"pdpetsc {__version__}")
-    elif request.command == "list":
-        parallel.say(comm, _catalogue())
+    from pdpetsc import case, parallel
+
+    if request.command == "new" and comm.size > 1:
+        raise InputError("new writes one file: start it without mpirun")
+    if request.command not in COMMANDS or COMMANDS[request.command].alone:
+        with parallel.collective(comm):
+            text = _answer(request)
+        parallel.say(comm, text)
     elif request.command == "restart":
         from pdpetsc import driver
 
         return driver.restart(Path(request.operand), request.quiet)
     elif request.command == "plot":
         from pdpetsc import driver
+        from pdpetsc.io.view import View, section
 
-        view = View(request.field, request.component, request.step, request.section)
+        view = View(request.field, request.component, request.step, request.section and section(request.section))
         return driver.plot(Path(request.operand), view, request.animate, request.curve, request.convergence)
     elif request.command == "report":
         from pdpetsc import driver
@@ -206,15 +215,24 @@ def _do(request: argparse.Namespace, comm) -> int:
     return 0
 
 
-def _catalogue() -> str:
-    """Return the bundled cases, with titles and variants, as a table."""
-    entries = case.catalogue()
-    indent = max((len(name) for name, _, _ in entries), default=0) + 2
-    width = max(40, shutil.get_terminal_size().columns)
-    lines = []
-    for name, title, variants in entries:
-        lines += textwrap.wrap(f"{name:{indent}}{title}", width, subsequent_indent=" " * indent)
-        if variants:
-            text = f"variants: {', '.join(variants)}"
-            lines += textwrap.wrap(text, width, initial_indent=" " * indent, subsequent_indent=" " * (indent + 10))
-    return "\n".join(lines)
+def _answer(request: argparse.Namespace) -> str:
+    """Return what a command says that needs neither PETSc nor MPI; `new` writes its file as well."""
+    if request.command == "help":
+        return commands.explain_command(request.operand) if request.operand else commands.explain()
+    if request.command == "version":
+        return f"pdpetsc {__version__}"
+    if request.command == "completion":
+        from pdpetsc import completion
+
+        return completion.script(request.operand)
+    if request.command == "schema":
+        from pdpetsc.schema import editors
+
+        return editors.schema_text()
+    if request.command == "new":
+        from pdpetsc import newcase
+
+        return newcase.write(request)
+    from pdpetsc import lists
+
+    return lists.show(request.operand)

@@ -2,12 +2,16 @@
 
 import os
 import shutil
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pdpetsc import __version__
+from pdpetsc import __version__, events
+from pdpetsc.advice import advise
 from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
 from pdpetsc.errors import ConvergenceError, InputError
@@ -18,39 +22,60 @@ from pdpetsc.io.plot import animate_result, plot_result
 from pdpetsc.io.report import write_report
 from pdpetsc.io.view import View
 from pdpetsc.memory import available_memory, memory_per_rank
-from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
+from pdpetsc.observers import (
+    LOAD_STEPS,
+    MOTION,
+    BrokenBonds,
+    Checkpoint,
+    FieldOutput,
+    History,
+    JsonLines,
+    Observer,
+    ProgressTable,
+)
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.prediction import check_fits, predict
 from pdpetsc.prediction import report as report_of
-from pdpetsc.simulation import Simulation
-from pdpetsc.summary import summary_of
+from pdpetsc.run import Run
+from pdpetsc.terminal import painted
 from pdpetsc.units import labels_of_history
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
-    """Build and solve a case and write its results.
+    """Build and solve a case and write its results; the exit code of the command line. Further as `solve`."""
+    return _exit_code(solve(case, out, quiet=quiet))
+
+
+def solve(case: Case, out: str | Path | None = None, observers: Iterable[Observer] = (), quiet: bool = True) -> Run:
+    """Build and solve a case.
 
     Args:
         case: what to do.
-        out: result directory; an earlier result there is replaced whole.
+        out: result directory; an earlier result there is replaced whole. None: nothing is written.
+        observers: who is told, after those that write.
         quiet: print warnings and errors only.
-
-    Returns:
-        The exit code of the command line.
 
     Raises:
         InputError: on all ranks alike, before anything is written.
+        ConvergenceError: likewise, when all has been written.
     """
-    comm = PETSc.COMM_WORLD
+    comm, out = PETSc.COMM_WORLD, None if out is None else Path(out)
     with collective(comm.tompi4py()):
-        _check_replaceable(out, case)
+        if out:
+            _check_replaceable(out, case)
     if not quiet and not Path(os.environ["NUMBA_CACHE_DIR"]).exists():
         say(comm, "compiling the kernels, once for this version: about half a minute")
-    simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()))
+    simulation = build(case)
     with collective(comm.tompi4py()):
-        if comm.rank == 0:
+        if out and comm.rank == 0:
             _replace(out, case)
-    return _finish(simulation, out, quiet)
+    return _finish(simulation, out, observers, quiet)
+
+
+def build(case: Case, checkpoint: Path | None = None) -> Run:
+    """Build a case that fits, at its start or at a checkpoint in a result directory."""
+    comm = PETSc.COMM_WORLD
+    return Run(case, comm, _blocks_that_fit(case, comm.tompi4py()), checkpoint)
 
 
 def restart(directory: Path, quiet: bool = False) -> int:
@@ -59,10 +84,10 @@ def restart(directory: Path, quiet: bool = False) -> int:
     directory = directory.parent if directory.name == CHECKPOINT else directory
     with collective(comm.tompi4py()):
         case = Case.from_document(**read_description(directory)["case"])
-    simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()), directory)
+    simulation = build(case, directory)
     if simulation.ended:
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
-    return _finish(simulation, directory, quiet)
+    return _exit_code(_finish(simulation, directory, (), quiet))
 
 
 def plot(
@@ -134,14 +159,19 @@ def check(case: Case, ranks: int | None = None) -> int:
     """
     comm = MPI.COMM_WORLD
     with collective(comm):
-        prediction = predict(case, ranks or comm.size)
+        prediction = predict(case, ranks or comm.size) if comm.rank == 0 else None
+    prediction = comm.bcast(prediction)
     available = available_memory()
     say(comm, f"{case.title or case.name}  ({case.path})")
     say(comm, report_of(prediction, case.units, available))
+    events.tell(comm, "prediction", available=available, **asdict(prediction))
+    for text in advise(case, prediction):
+        warn(comm, text)
     try:
         check_fits(prediction, available and available / prediction.ranks)
     except InputError as error:
         where = f"on {prediction.ranks} ranks" if prediction.ranks > 1 else "on one rank"
+        events.tell(comm, "error", text=error)
         say(comm, f"refused    {where} of this machine: {error}")
         return 2
     return 0
@@ -155,9 +185,11 @@ def _blocks_that_fit(case: Case, comm) -> float | None:
     """
     available = memory_per_rank(comm)
     try:
-        prediction = predict(case, comm.size, QUICK)
+        with collective(comm):
+            prediction = predict(case, comm.size, QUICK) if comm.rank == 0 else None
     except InputError:
         return None  # on all ranks alike; building the body says what is wrong
+    prediction = comm.bcast(prediction)
     with collective(comm):
         try:
             check_fits(prediction, available)
@@ -186,42 +218,55 @@ def _replace(out: Path, case: Case) -> None:
         raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
 
 
-def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
-    """Solve, write and report; the exit code."""
+def _exit_code(run: Run) -> int:
+    """Of the command line, for a run that has converged."""
+    return 0 if run.case.overridden or all(e["met"] for e in run.summary["expect"]) else 4
+
+
+def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], quiet: bool) -> Run:
+    """Solve, write and report."""
     comm, case = simulation.comm, simulation.case
     if not quiet:
         _announce(simulation)
-    output = simulation.output
-    simulation.observers = [
-        ProgressTable(comm, quiet, MOTION if case.solver.in_time else LOAD_STEPS),
-        History(out),
-        FieldOutput(out, output.fields, case.written),
-        Checkpoint(out, output.checkpoint),
-        *([BrokenBonds(out, output.fields)] if simulation.fracture else []),
-    ]
-    status, failure = "converged", None
+    progress = ProgressTable(comm, quiet or events.wanted, MOTION if case.solver.in_time else LOAD_STEPS)
+    simulation.observers = [progress, JsonLines(), *(_writers(simulation, out) if out else ()), *observers]
+    failure = None
     try:
-        status = simulation.solve()
+        simulation.solve()
     except ConvergenceError as error:
-        status, failure = "not_converged", error
+        failure = error
     except InputError as error:
         if not simulation.rows:
-            _remove(comm, out)
+            if out:
+                _remove(comm, out)
             raise
-        status, failure = "interrupted", error
-    summary = summary_of(simulation, status)
-    if comm.rank == 0:
+        failure = error
+    summary = simulation.summary
+    if out and comm.rank == 0:
         tables.write_summary(out / "summary.json", summary)
         if simulation.rows:
             _plot(comm, out, summary, case.output)
     comm.tompi4py().Barrier()
+    ending = {key: summary[key] for key in ("status", "converged", "probes", "expect", "unused_options", "timings")}
+    events.tell(comm, "result", results=str(out), **ending)
     if not quiet:
         _report(comm, summary, out)
     if summary["unused_options"]:
         warn(comm, f"options that nobody used: {', '.join('-' + name for name in summary['unused_options'])}")
     if failure:
         raise failure
-    return 0 if case.overridden or all(e["met"] for e in summary["expect"]) else 4
+    return simulation
+
+
+def _writers(simulation: Run, out: Path) -> list[Observer]:
+    """The observers that write the result files."""
+    output = simulation.output
+    return [
+        History(out),
+        FieldOutput(out, output.fields, simulation.case.written),
+        Checkpoint(out, output.checkpoint),
+        *([BrokenBonds(out, output.checkpoint)] if simulation.fracture else []),
+    ]
 
 
 def _plot(comm, out: Path, summary: dict, output) -> None:
@@ -240,7 +285,7 @@ def _remove(comm, out: Path) -> None:
     comm.tompi4py().Barrier()
 
 
-def _announce(simulation: Simulation) -> None:
+def _announce(simulation: Run) -> None:
     p, comm, case = simulation.particles, simulation.comm, simulation.case
     bonds = comm.tompi4py().allreduce(simulation.families.bonds)
     choices = simulation.solver.choices()
@@ -252,16 +297,16 @@ def _announce(simulation: Simulation) -> None:
     )
 
 
-def _report(comm, summary: dict, out: Path) -> None:
+def _report(comm, summary: dict, out: Path | None) -> None:
     for name, value in summary["probes"].items():
         if isinstance(value, float):
             say(comm, f"{name} = {value:.6g}")
     for e in summary["expect"]:
         tolerance = f" +- {e['tolerance']:.2g}" if e["tolerance"] else ""
-        verdict = "met" if e["met"] else "MISSED"
+        verdict = painted("met", "green", sys.stdout) if e["met"] else painted("MISSED", "red", sys.stdout)
         say(comm, f"{verdict}: {e['name']} = {_short(e['value'])}, expected {_short(e['expected'])}{tolerance}")
     t = summary["timings"]
-    say(comm, f"{summary['status']} in {t['total']:.2f} s; results in {out}")
+    say(comm, f"{summary['status']} in {t['total']:.2f} s{f'; results in {out}' if out else ''}")
 
 
 def _short(value) -> str:

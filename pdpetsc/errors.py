@@ -14,6 +14,10 @@ class ConvergenceError(Exception):
     """Equilibrium was not reached at a load step (exit code 3); raised on all ranks alike."""
 
 
+class Stop(Exception):
+    """An observer ends the run after a committed step; raised on all ranks alike."""
+
+
 @contextmanager
 def at(place: str):
     """Put the place in front of an error."""

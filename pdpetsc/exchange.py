@@ -104,6 +104,7 @@ class Directory:
         self.start, self.stop = int(edges[comm.rank]), int(edges[comm.rank + 1])
         rank = np.searchsorted(edges, ids, side="right") - 1
         self._forest = star_forest(comm, self.stop - self.start, np.arange(len(ids)), rank, ids - edges[rank])
+        self._mpi, self._edges = comm.tompi4py(), edges
 
     def to_blocks(self, field: np.ndarray) -> np.ndarray:
         """This rank's block of ids, from the owners."""
@@ -111,6 +112,13 @@ class Directory:
         block = np.zeros((self.stop - self.start, *field.shape[1:]), field.dtype)
         reduce(self._forest, field, block, MPI.REPLACE)
         return block
+
+    def gathered(self, field: np.ndarray) -> np.ndarray:
+        """The field of all particles in the order of their ids, whole on every rank."""
+        block = self.to_blocks(field)
+        whole = np.empty((self._edges[-1], *block.shape[1:]), block.dtype)
+        self._mpi.Allgatherv([block, _unit(block)], [whole, np.diff(self._edges), self._edges[:-1], _unit(whole)])
+        return whole
 
     def from_blocks(self, block: np.ndarray) -> np.ndarray:
         """The owned entries of a field given in blocks of ids."""

@@ -12,6 +12,9 @@ import numpy as np
 
 from pdpetsc.errors import InputError
 
+NAMES = ("X", "Y", "Z")
+"""Of the reference coordinates."""
+
 CONSTANTS = {"pi": np.pi, "true": True, "false": False}
 FUNCTIONS = {
     name: getattr(np, name)
@@ -161,6 +164,11 @@ def _parse(text: str | float) -> ast.expr:
     if depth > _DEEPEST:
         raise _ReadingError("is nested too deeply")
     return tree
+
+
+def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarray]:
+    """The variables of places: X, Y, Z as far as the dimension goes, and the local spacing."""
+    return dict(zip(NAMES, position.T)) | {"spacing": spacing}
 
 
 class _Reader:

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from pdpetsc import events
 from pdpetsc.io.checkpoint import write_checkpoint
 from pdpetsc.io.fields import FieldWriter
 from pdpetsc.io.tables import write_broken_bonds, write_history
@@ -110,6 +111,32 @@ class ProgressTable(Observer):
 
     def finish(self, run):
         self._progress.stop()
+
+
+class JsonLines(Observer):
+    """What happens, for machines (events.py)."""
+
+    def start(self, run):
+        p, case = run.particles, run.case
+        bonds = run.comm.tompi4py().allreduce(run.families.bonds)
+        events.tell(
+            run.comm, "start", case=case.name, variant=case.variant, title=case.title, path=case.path, dim=p.dim,
+            particles=p.count, bonds=bonds, ranks=run.comm.size, time=run.state.time, end_time=run.schedule.end,
+            mode=case.solver.mode, **run.solver.choices(),
+        )  # fmt: skip
+
+    def step(self, run):
+        events.tell(run.comm, "step", **run.rows[-1])
+
+    def passed(self, run, record):
+        step = run.state.step + 1
+        events.tell(run.comm, "pass", step=step, passes=len(record.passes), broken_bonds=record.broken)
+
+    def failed(self, run, reached, tried, reason):
+        events.tell(run.comm, "failed_step", time=reached, tried=tried, reason=reason)
+
+    def refined(self, run):
+        events.tell(run.comm, "refined", **run.refinements[-1])
 
 
 class _Sample(dict):

@@ -4,6 +4,7 @@ import ctypes
 import os
 import re
 import signal
+import sys
 from collections.abc import Callable, Mapping
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # of glibc's malloc.h
@@ -56,8 +57,15 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
     import petsc4py
 
     petsc4py.init(["pdpetsc", *arguments])
+    os.environ["PETSC_OPTIONS"] = given  # for programs that this one starts
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc's handler would call `pdpetsc | head` a crash
     _give_memory_back()
+
+
+def start_once() -> None:
+    """Start PETSc for a script, whose arguments are its own, unless it has been."""
+    if "petsc4py.PETSc" not in sys.modules:
+        start([], {})
 
 
 def _give_memory_back() -> None:
@@ -92,6 +100,26 @@ def set_defaults(defaults: Mapping[str, str | int | float | bool]) -> None:
         if name not in known:
             options.insertString(_as_text(name, value))
             _defaults.add(name)
+
+
+_of_case: set[str] = set()  # names of the options that `set_case` has given
+
+
+def set_case(table: Mapping[str, str | int | float | bool]) -> None:
+    """Give PETSc the options of a case, after its start, that the user has not given; those of the case before, and the
+    defaults of its run, are withdrawn. What PETSc reads at its start only (`log_view`) is too late here."""
+    from petsc4py import PETSc
+
+    set_defaults({})
+    options = PETSc.Options()
+    for name in _of_case:
+        options.delValue(name)
+    _of_case.clear()
+    known = options.getAll()
+    for name, value in table.items():
+        if name not in known:
+            options.insertString(_as_text(name, value))
+            _of_case.add(name)
 
 
 def unused() -> list[str]:

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 from mpi4py import MPI
 
+from pdpetsc import events, terminal
 from pdpetsc.errors import InputError
 
 
@@ -40,12 +41,13 @@ def collective(comm):
 
 
 def say(comm, *text) -> None:
-    """Print on the first rank."""
-    if comm.rank == 0:
+    """Print on the first rank, where people and not machines are told."""
+    if comm.rank == 0 and not events.wanted:
         print(*text, flush=True)
 
 
 def warn(comm, text: str) -> None:
-    """Print a warning on the first rank, on the error stream."""
-    if comm.rank == 0:
-        print(f"pdpetsc: warning: {text}", file=sys.stderr, flush=True)
+    """Print a warning on the first rank, on the error stream; to machines it is an event."""
+    events.tell(comm, "warning", text=text)
+    if comm.rank == 0 and not events.wanted:
+        print(terminal.painted(f"pdpetsc: warning: {text}", "yellow", sys.stderr), file=sys.stderr, flush=True)

@@ -14,6 +14,9 @@ from pdpetsc.exchange import Directory, Exchange, swap
 BASIC = ("id", "position", "volume", "spacing", "horizon")
 """Columns of every particle."""
 
+MOST_CELLS = 64
+"""For each particle, of the grid by which they are shared out."""
+
 
 @dataclass
 class Facets:
@@ -21,7 +24,7 @@ class Facets:
 
     Attributes:
         parent: id of the particle whose cell each belongs to (its local index once distributed).
-        face: number of the face of the box (body/box.py).
+        face: number of the face of the box (body/box.py) or of a border, with the groups of a mesh (body/surfaces.py).
         position: (n, dim) reference position [length].
         area: (n, dim) outward area vector N A [length^2; the thickness or cross-section is included].
     """
@@ -126,7 +129,8 @@ def distribute(comm: PETSc.Comm, points: Points, tolerance: float = HORIZON_TOLE
 
 
 def _owners(comm, points: Points) -> np.ndarray:
-    """Owner rank of each point: DMDA cells about one spacing wide, cut so that the ranks get equal work.
+    """Owner rank of each point: DMDA cells about one (smallest) spacing wide, wider where there would be far more of
+    them than points, cut so that the ranks get equal work.
 
     Work is the expected size of a family. Cells are independent of the horizon; every decomposed direction has at
     least as many cells as ranks (a DMDA with fewer fails), and a rank may own no particle.
@@ -142,7 +146,9 @@ def _owners(comm, points: Points) -> np.ndarray:
     extremes = _maximum(mpi, np.append(high, negative_spacing))
     spacing = -extremes[-1]
     low, high = low - spacing / 2, extremes[:-1] + spacing / 2
-    cells = np.maximum(1, np.rint((high - low) / spacing)).astype(np.int64)
+    most = MOST_CELLS * max(1, mpi.allreduce(len(X)))
+    coarser = (np.prod(np.maximum(1, (high - low) / spacing)) / most) ** (1 / dim)
+    cells = np.maximum(1, np.rint((high - low) / spacing / max(1.0, coarser))).astype(np.int64)
     processes = _process_grid(cells, comm.size)
     cells = np.maximum(cells, processes)
 

@@ -76,7 +76,7 @@ class Simulation:
         self.refinements: list[dict] = []
         self.observers: list[Observer] = []
         try:
-            self._build(case, expected_blocks(case) if blocks is None else blocks, checkpoint)
+            self._build(case, expected_blocks(comm, case) if blocks is None else blocks, checkpoint)
         except InputError as error:
             message = str(error)
             raise InputError(message if message.startswith(case.path) else f"{case.path}: {message}") from None

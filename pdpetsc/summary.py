@@ -28,7 +28,7 @@ def summary_of(run, status: str) -> dict:
         "converged": status in ("converged", "separated"),
         "dim": p.dim,
         "particles": p.count,
-        "spacing": case.body.spacing,
+        "spacing": case.body.spacing or _smallest_spacing(p),
         "bonds": mpi.allreduce(run.families.bonds),
         "family_size": _family_size(run),
         "ranks": run.comm.size,
@@ -60,6 +60,11 @@ def _family_size(run) -> dict:
     mpi, sizes = run.comm.tompi4py(), np.diff(run.families.offsets)
     fewest = int(sizes.min(initial=np.iinfo(np.int64).max))  # a rank without particles has no say
     return {"min": mpi.allreduce(fewest, MPI.MIN), "max": mpi.allreduce(int(sizes.max(initial=0)), MPI.MAX)}
+
+
+def _smallest_spacing(p) -> float:
+    """Of a body without a lattice."""
+    return p.comm.tompi4py().allreduce(float(p.spacing[: p.owned].min(initial=float("inf"))), MPI.MIN)
 
 
 def _extremes(run) -> dict:

@@ -13,7 +13,7 @@ LONGEST = 350  # lines of a room
 
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
-    ("errors", "expressions", "quantities", "units", "timings", "parallel", "options", "memory"),
+    ("errors", "expressions", "quantities", "units", "timings", "terminal", "events", "parallel", "options", "memory"),
     (
         "body",
         "particles",
@@ -34,16 +34,24 @@ LAYERS = (
     ("solvers", "recover", "adapt"),
     ("probes", "sections", "j_integral", "expectations", "observers", "io"),
     (
+        "catalogue",
+        "commands",
         "schema",
         "case",
         "census",
         "prediction",
+        "advice",
         "building",
         "transient",
         "discretisation",
         "simulation",
         "summary",
+        "run",
         "driver",
+        "api",
+        "lists",
+        "newcase",
+        "completion",
         "cli",
         "__main__",
     ),
@@ -70,6 +78,7 @@ ONLY = {
         "schema",
         "materials",
         "damage",
+        "loads",
         "bonds",
         "influence",
         "partial_volume",
@@ -77,7 +86,7 @@ ONLY = {
         "errors",
         "expressions",
     },  # no MPI, no PETSc
-    "case": {"schema", "errors", "expressions"},
+    "case": {"catalogue", "schema", "errors", "expressions"},
 }
 # And of everything else: models are testable with two particles and nothing but numpy and numba.
 OUTSIDE = {

@@ -33,6 +33,9 @@ TOUCH = 1e-6
 BORDER = 6
 """Stands for the border among the numbers of the sides."""
 
+GROUP_BIT = 3
+"""The bit from which on the number of a facet of a mesh says to which groups it belongs."""
+
 BLOCK = 1 << 20
 """Points that are looked at together."""
 

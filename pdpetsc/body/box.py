@@ -12,13 +12,12 @@ from petsc4py import PETSc
 from pdpetsc.body.border import FEW_SAMPLES, SAMPLES, Cut, cut_cells
 from pdpetsc.body.slivers import adopted
 from pdpetsc.errors import InputError
+from pdpetsc.expressions import coordinates
 from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Facets, Points
 
 FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back": (2, 0), "front": (2, 1)}
 """Faces of a box: axis and side (0: towards smaller coordinates); they are numbered in this order, 2 axis + side."""
-
-NAMES = ("X", "Y", "Z")
 
 NOTHING_LEFT = (
     "body.keep: no particle is left; the condition is false everywhere, or where it holds is less than a cell"
@@ -26,11 +25,6 @@ NOTHING_LEFT = (
 
 BLOCK = 1 << 16
 """Cells that are looked at together where not all of them fit."""
-
-
-def coordinates(position: np.ndarray, spacing: np.ndarray) -> dict[str, np.ndarray]:
-    """The variables of expressions: X, Y, Z as far as the dimension goes, and the local spacing."""
-    return dict(zip(NAMES, position.T)) | {"spacing": spacing}
 
 
 def layer_rows(width: float, cell: float) -> int:

@@ -1,13 +1,18 @@
-"""Surfaces that meshes hold, read with meshio."""
+"""Mesh files, read with meshio, and the surfaces that they hold."""
 
 import io
 from contextlib import redirect_stderr, redirect_stdout
+from importlib.util import find_spec
 from pathlib import Path
 
 import meshio
 import numpy as np
 
+from pdpetsc.body.groups import group_of
 from pdpetsc.errors import InputError
+
+EXODUS = (".e", ".ex2", ".exo", ".exodus", ".g")
+"""How the names of Exodus files end."""
 
 FACES = {
     2: {"line": [[0, 1]], "line3": [[0, 1]]},
@@ -33,17 +38,17 @@ def surface_of_mesh(path: str, dim: int, name: str | None) -> np.ndarray:
     Raises:
         InputError: the file cannot be read, has no such set or nothing of that dimension in it.
     """
-    mesh = _read(path)
+    mesh = read_mesh(path)
     points = np.asarray(mesh.points, float)
     if points.ndim != 2 or points.shape[1] < dim:
         raise InputError(f"{path}: has points of fewer than {dim} coordinates")
     if dim == 2 and points.shape[1] > 2 and np.ptp(points[:, 2]) > 1e-9 * np.ptp(points[:, :2], axis=0).max():
         raise InputError(f"{path}: does not lie in a plane z = constant, as a crack in 2D must")
-    chosen = _chosen(mesh, name, path)
+    chosen = None if name is None else group_of(mesh, name, path).cells
     sheets = []
     for k, block in enumerate(mesh.cells):
         for corners in FACES[dim].get(block.type, []):
-            cells = np.asarray(block.data)[chosen[k]]
+            cells = np.asarray(block.data)[slice(None) if chosen is None else chosen.get(k, [])]
             if cells.size and not 0 <= cells.min() <= cells.max() < len(points):
                 raise InputError(f"{path}: a cell has a point that the mesh does not have")
             sheets.append(points[cells[:, corners], :dim])
@@ -55,9 +60,16 @@ def surface_of_mesh(path: str, dim: int, name: str | None) -> np.ndarray:
     return np.concatenate(sheets)
 
 
-def _read(path: str) -> meshio.Mesh:
+def read_mesh(path: str) -> meshio.Mesh:
+    """A file of a kind that meshio reads.
+
+    Raises:
+        InputError: there is no such file, or it is none.
+    """
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file")
+    if Path(path).suffix.lower() in EXODUS and find_spec("netCDF4") is None:
+        raise InputError(f"{path}: Exodus files need the package netCDF4, which is not installed: pip install netCDF4")
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said):
@@ -65,27 +77,3 @@ def _read(path: str) -> meshio.Mesh:
     except (Exception, SystemExit) as error:  # its readers raise whatever comes up in a damaged file
         reason = " ".join(str(error).split()) if not isinstance(error, SystemExit) else ""
         raise InputError(f"{path}: is not a mesh that can be read" + (f": {reason[:200]}" if reason else "")) from None
-
-
-def _chosen(mesh: meshio.Mesh, name: str | None, path: str) -> list:
-    """Indices of the chosen cells of each block."""
-    if name is None:
-        return [slice(None)] * len(mesh.cells)
-    if name in mesh.cell_sets:
-        try:
-            some = [np.array([] if part is None else part, np.int64) for part in mesh.cell_sets[name]]
-        except (TypeError, ValueError):
-            some = []
-        sizes = [len(block.data) for block in mesh.cells]
-        if len(some) != len(sizes) or not all(
-            part.ndim == 1 and (not part.size or 0 <= part.min() <= part.max() < size)
-            for part, size in zip(some, sizes)
-        ):
-            raise InputError(f"{path}: the set {name!r} cannot be read; list the numbers of its cells in it")
-        return some
-    if name in mesh.field_data and "gmsh:physical" in mesh.cell_data:
-        number, dim = (int(value) for value in mesh.field_data[name])
-        tags = mesh.cell_data["gmsh:physical"]  # groups of each dimension have numbers of their own
-        return [np.flatnonzero((np.asarray(t) == number) & (block.dim == dim)) for t, block in zip(tags, mesh.cells)]
-    names = sorted({*mesh.cell_sets, *mesh.field_data} - {"gmsh:bounding_entities"})
-    raise InputError(f"{path}: has no set of cells {name!r}; choices: {', '.join(names) or 'none'}")

@@ -1,9 +1,11 @@
-"""Named sets of particles, by a condition on the reference position or by the nearest particle to a point."""
+"""Named sets of particles, by a condition on the reference position, by the nearest particle to a point, or by a group
+of the file that the body is from."""
 
 import numpy as np
 from mpi4py import MPI
 
 from pdpetsc.body.box import coordinates
+from pdpetsc.body.columns import GROUPS
 from pdpetsc.errors import InputError
 from pdpetsc.parallel import collective
 from pdpetsc.particles import Particles
@@ -25,7 +27,8 @@ class Sets:
 
     @classmethod
     def of(cls, particles: Particles, specs: dict) -> "Sets":
-        """By the tables of a case's `[sets]`: a condition, or the nearest particle to a point (collective)."""
+        """By the tables of a case's `[sets]`: a condition, the nearest particle to a point, or a group, to which the
+        particles carry in a column of their own whether they belong; it ends here (collective)."""
         n = particles.owned
         X = particles.position[:n]
         sets = cls(particles.comm.tompi4py(), {"all": np.ones(n, bool)})
@@ -34,6 +37,9 @@ class Sets:
             for name, spec in specs.items():
                 if spec.where:
                     sets._masks[name] = spec.where.mask(**place)
+        groups = [name for name, spec in specs.items() if spec.group is not None]
+        if groups:
+            sets._masks |= dict(zip(groups, particles.carried.pop(GROUPS).T > 0))
         for name, spec in specs.items():
             if spec.nearest:
                 sets._masks[name] = sets._nearest(X, particles.id[:n], np.array(spec.nearest))

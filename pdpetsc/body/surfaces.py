@@ -1,9 +1,11 @@
-"""Named parts of a body's surface: the faces of the box, and what conditions choose of them and of fitted borders."""
+"""Named parts of a body's surface: the faces of the box, and what conditions choose of them and of fitted borders; the
+border of a mesh, and what conditions and groups of the mesh choose of it."""
 
 import numpy as np
 
-from pdpetsc.body.border import BORDER
-from pdpetsc.body.box import FACES, NAMES, coordinates
+from pdpetsc.body.border import BORDER, GROUP_BIT
+from pdpetsc.body.box import FACES, coordinates
+from pdpetsc.expressions import NAMES
 from pdpetsc.particles import Facets
 
 
@@ -13,14 +15,17 @@ def on_surface(facets: Facets, spacing: np.ndarray, name: str, surfaces: dict) -
     Args:
         facets: any.
         spacing: of the particle that each belongs to.
-        name: a face of the box, "border" of `keep` where particles are fitted to it, or one of the surfaces.
-        surfaces: `[surfaces]` of the case, with conditions of X, Y, Z, the normal's NX, NY, NZ and spacing.
+        name: a face of the box, "border" of `keep` where particles are fitted to it, or of a mesh; or one of the
+            surfaces.
+        surfaces: `[surfaces]` of the case, with conditions of X, Y, Z, the normal's NX, NY, NZ and spacing, or groups.
     """
-    if name == "border":
-        return facets.face == BORDER
-    if name in FACES:
-        return facets.face == list(FACES).index(name)
-    return surfaces[name].where.mask(**facet_coordinates(facets, spacing))
+    if name in surfaces and surfaces[name].group is not None:
+        groups = [other for other, surface in surfaces.items() if surface.group is not None]
+        return facets.face >> (GROUP_BIT + groups.index(name)) & 1 == 1
+    if name in surfaces:
+        return surfaces[name].where.mask(**facet_coordinates(facets, spacing))
+    face = facets.face & (1 << GROUP_BIT) - 1
+    return face == (BORDER if name == "border" else list(FACES).index(name))
 
 
 def facet_coordinates(facets: Facets, spacing: np.ndarray) -> dict[str, np.ndarray]:

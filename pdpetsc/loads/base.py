@@ -5,7 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from pdpetsc.body.box import coordinates
+from pdpetsc.expressions import coordinates
+from pdpetsc.materials.base import Keys
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,20 @@ class Site:
         """Volume of the set on all ranks."""
         return self.mpi.allreduce(float(self.volume.sum()))
 
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """The largest of each value over all ranks."""
+        return np.max(self.mpi.allgather(values), axis=0)
+
 
 class Load:
-    """A load of the case file; subclasses are found by `name`, the `kind` there."""
+    """A load on a set of particles; subclasses are found by `name`, the `kind` in case files. There they take `set`,
+    `value`, and the keys of their own."""
 
     kinds: ClassVar[dict[str, type["Load"]]] = {}
     name: ClassVar[str]
+    Keys: ClassVar[type[Keys]] = Keys
+    along_axes: ClassVar[bool] = False
+    """Whether it takes `component` too."""
 
     def __init_subclass__(cls):
         if "name" in cls.__dict__:

@@ -3,12 +3,17 @@
 import numpy as np
 
 from pdpetsc.loads.base import Constraint
+from pdpetsc.materials.base import Keys
 
 
 class Displacement(Constraint):
     """u_c = value on a set; where sets overlap, the later load holds."""
 
     name = "displacement"
+    along_axes = True
+
+    class Keys(Keys):
+        """Prescribed components of the displacement."""
 
     def __init__(self, site, spec):
         super().__init__(site, spec)

@@ -1,15 +1,19 @@
 """Dead loads: body force, total force on a set, pressure in a layer of particles."""
 
 import numpy as np
-from mpi4py import MPI
 
 from pdpetsc.loads.base import Load
+from pdpetsc.materials.base import Keys
 
 
 class BodyForce(Load):
     """Force per reference volume b: f_i = b V_i [force/length^3]."""
 
     name = "body_force"
+    along_axes = True
+
+    class Keys(Keys):
+        """Force per volume."""
 
     def __init__(self, site, spec):
         super().__init__(site, spec)
@@ -26,6 +30,9 @@ class Force(BodyForce):
     """Total force on a set, shared by volume: f_i = value V_i / sum V [force]. A set of one particle is a point."""
 
     name = "force"
+
+    class Keys(Keys):
+        """Total force on a set, shared by volume."""
 
     def __init__(self, site, spec):
         super().__init__(site, spec)
@@ -49,7 +56,7 @@ class Pressure(Load):
         self._normal = np.array(spec.normal)
         depth = site.position @ self._normal
         ends = np.array([depth.max(), -depth.min(), site.spacing.max()]) if len(depth) else np.full(3, -np.inf)
-        ends = [site.mpi.allreduce(float(end), MPI.MAX) for end in ends]
+        ends = site.largest(ends)
         self._width = spec.width or ends[0] + ends[1] + ends[2]
 
     def add(self, time, external):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pdpetsc.loads.displacement import Displacement
+from pdpetsc.materials.base import Keys
 
 PANELS, POINTS = 32, 4
 """Of the integral over time of a velocity that depends on it."""
@@ -13,6 +14,9 @@ class Velocity(Displacement):
     smooth (Gauss's rule on 32 equal panels)."""
 
     name = "velocity"
+
+    class Keys(Keys):
+        """Prescribed components of the velocity."""
 
     def __init__(self, site, spec):
         super().__init__(site, spec)

@@ -4,7 +4,7 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator, Strict
+from pydantic import BeforeValidator, Field, PlainValidator, Strict, WithJsonSchema
 
 import pdpetsc.damage  # noqa: F401  fills Criterion.criteria
 from pdpetsc.damage.base import Criterion
@@ -24,27 +24,29 @@ class AnyDamage(Table):
     along: Annotated[tuple[Crack, ...], Strict(False), Field(min_length=1)] | None = None
 
 
-TABLES = {
-    name: table_of_keys(criterion.Keys, criterion.__name__, AnyDamage, criterion=(Literal[name], ...))
-    for name, criterion in Criterion.criteria.items()
-}
+def any_damage(criteria: dict[str, type[Criterion]]) -> Any:
+    """The type of a `[damage.NAME]`: the table of one of the criteria."""
+    tables = {
+        name: table_of_keys(criterion.Keys, criterion.__name__, AnyDamage, criterion=(Literal[name], ...))
+        for name, criterion in criteria.items()
+    }
 
-
-def _of_known_criterion(table: Any) -> Any:
-    if not isinstance(table, dict):
+    def of_known_criterion(table: Any) -> Any:
+        if not isinstance(table, dict):
+            return table
+        choices = f"choices: {', '.join(sorted(tables))}"
+        if "criterion" not in table:
+            raise error_at("criterion", f"is missing; {choices}")
+        if (name := table["criterion"]) not in [*tables]:
+            near = hint(name, tables) if isinstance(name, str) else ""
+            raise error_at("criterion", f"there is no criterion {name!r}{near}; {choices}")
         return table
-    choices = f"choices: {', '.join(sorted(TABLES))}"
-    if "criterion" not in table:
-        raise error_at("criterion", f"is missing; {choices}")
-    if (name := table["criterion"]) not in [*TABLES]:
-        near = hint(name, TABLES) if isinstance(name, str) else ""
-        raise error_at("criterion", f"there is no criterion {name!r}{near}; {choices}")
-    return table
+
+    either = reduce(or_, tables.values())
+    return Annotated[either, Field(discriminator="criterion"), BeforeValidator(of_known_criterion)]
 
 
-DamageTable = Annotated[
-    reduce(or_, TABLES.values()), Field(discriminator="criterion"), BeforeValidator(_of_known_criterion)
-]
+DamageTable = any_damage(Criterion.criteria)
 
 
 def _fraction(value: Any) -> float:
@@ -57,5 +59,9 @@ def _fraction(value: Any) -> float:
     raise ValueError('must be "worst", "all" or a fraction of the worst ratio between 0 and 1')
 
 
-Fraction = Annotated[float, PlainValidator(_fraction)]
+Fraction = Annotated[
+    float,
+    PlainValidator(_fraction),
+    WithJsonSchema({"anyOf": [{"enum": ["worst", "all"]}, {"type": "number", "minimum": 0, "maximum": 1}]}),
+]
 """Which of the bonds beyond their critical value fail together: those beyond this fraction of the worst."""

@@ -1,41 +1,30 @@
-"""The tables of loads."""
+"""The tables of loads; those on sets are made from the keys that the loads name (pdpetsc.loads.base.Load.Keys)."""
 
-from typing import Annotated, Any, Literal, get_args
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+import pdpetsc.loads  # noqa: F401  fills Load.kinds
+from pdpetsc.loads.base import Load
+from pdpetsc.schema.materials import table_of_keys
 from pdpetsc.schema.table import Table, error_at, exactly_one
-from pdpetsc.schema.values import Axes, Positive, SetName, SurfaceName, formula, unit_normal
+from pdpetsc.schema.values import Axes, Normal, Positive, SetName, SurfaceName, formula
 
 
-class _ComponentLoad(Table):
+class AnyLoad(Table):
+    """What every load on a set of particles has, whatever its kind."""
+
+    kind: str
     set: SetName
-    component: Axes
     value: formula("t")
 
 
-class Displacement(_ComponentLoad):
-    """Prescribed components of the displacement."""
+class LoadAlongAxes(AnyLoad):
+    """What those have that act along axes."""
 
-    kind: Literal["displacement"]
-
-
-class Velocity(_ComponentLoad):
-    """Prescribed components of the velocity."""
-
-    kind: Literal["velocity"]
-
-
-class BodyForce(_ComponentLoad):
-    """Force per volume."""
-
-    kind: Literal["body_force"]
-
-
-class Force(_ComponentLoad):
-    """Total force on a set, shared by volume."""
-
-    kind: Literal["force"]
+    component: Axes
 
 
 Transfer = Literal["cut_bonds", "linear", "quadratic"]
@@ -58,7 +47,7 @@ class Pressure(Table):
     kind: Literal["pressure"]
     surface: SurfaceName | None = None
     set: SetName | None = None
-    normal: Annotated[tuple[float, ...], PlainValidator(unit_normal)] | None = None
+    normal: Normal | None = None
     value: formula("t")
     width: Positive | None = None
     follower: bool | None = None
@@ -78,14 +67,30 @@ class Pressure(Table):
         return self
 
 
-Load = Displacement | Velocity | BodyForce | Force | Traction | Pressure
-LOAD_KINDS = [get_args(load.model_fields["kind"].annotation)[0] for load in get_args(Load)]
+ON_SURFACES = {"traction": Traction, "pressure": Pressure}
 
 
-def _of_known_kind(table: Any) -> Any:
-    if isinstance(table, dict) and table.get("kind") not in LOAD_KINDS:
-        raise error_at("kind", f"must be one of {', '.join(LOAD_KINDS)}")
-    return table
+def load_table(load: type[Load]) -> type[AnyLoad]:
+    """The table of a load on a set."""
+    base = LoadAlongAxes if load.along_axes else AnyLoad
+    return table_of_keys(load.Keys, load.__name__, base, kind=(Literal[load.name], ...))
 
 
-AnyLoad = Annotated[Load, Field(discriminator="kind"), BeforeValidator(_of_known_kind)]
+def tables_of(kinds: dict[str, type[Load]]) -> dict[str, type[Table]]:
+    """The table of each kind, and of loads on surfaces."""
+    return {name: load_table(load) for name, load in kinds.items() if name not in ON_SURFACES} | ON_SURFACES
+
+
+def any_load(tables: dict[str, type[Table]]) -> Any:
+    """The type of a `[[load]]`: the table of one of the kinds."""
+
+    def of_known_kind(table: Any) -> Any:
+        if isinstance(table, dict) and table.get("kind") not in [*tables]:
+            raise error_at("kind", f"must be one of {', '.join(tables)}")
+        return table
+
+    return Annotated[reduce(or_, tables.values()), Field(discriminator="kind"), BeforeValidator(of_known_kind)]
+
+
+TABLES = tables_of(Load.kinds)
+LoadTable = any_load(TABLES)

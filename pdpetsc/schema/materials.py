@@ -4,7 +4,15 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 import pdpetsc.materials  # noqa: F401  fills Material.models
 from pdpetsc.errors import InputError
@@ -31,6 +39,15 @@ def _influence(value: Any) -> str | Expression:
     return expression
 
 
+Influence = Annotated[
+    str | Expression,
+    PlainValidator(_influence),
+    WithJsonSchema(
+        {"description": "of r = |xi|/delta", "anyOf": [{"enum": [*INFLUENCE]}, {"type": ["number", "string"]}]}
+    ),
+]
+
+
 class AnyMaterial(Table):
     """What every `[material.NAME]` has, whatever its model."""
 
@@ -38,7 +55,7 @@ class AnyMaterial(Table):
     density: Positive | None = None
     where: SetName = "all"
     horizon: Horizon | None = None
-    influence: Annotated[str | Expression, PlainValidator(_influence)] = "constant"
+    influence: Influence = "constant"
     partial_volume: Literal["none", *PARTIAL_VOLUME] = "none"
     dual: bool = True
 
@@ -70,21 +87,29 @@ def material_table(model: type[Material]) -> type[AnyMaterial]:
     return table_of_keys(model.Keys, model.__name__, AnyMaterial, model=(Literal[model.name], ...))
 
 
-TABLES = {name: material_table(model) for name, model in Material.models.items()}
+def tables_of(models: dict[str, type[Material]]) -> dict[str, type[AnyMaterial]]:
+    """The tables of models by their names."""
+    return {name: material_table(model) for name, model in models.items()}
 
 
-def _of_known_model(table: Any) -> Any:
-    """Find the model, and leave out the keys of other models: a case in which only `model` is changed still runs."""
-    choices = f"choices: {', '.join(sorted(TABLES))}"
-    if not isinstance(table, dict):
-        return table
-    if "model" not in table:
-        raise error_at("model", f"is missing; {choices}")
-    if (name := table["model"]) not in [*TABLES]:
-        near = hint(name, TABLES) if isinstance(name, str) else ""
-        raise error_at("model", f"there is no model {name!r}{near}; {choices}")
-    others = {key for other in TABLES.values() for key in other.model_fields} - {*TABLES[name].model_fields}
-    return {key: value for key, value in table.items() if key not in others}
+def any_material(tables: dict[str, type[AnyMaterial]]) -> Any:
+    """The type of a `[material.NAME]`: one of these tables."""
+
+    def of_known_model(table: Any) -> Any:
+        """Find the model, and leave out the keys of others: a case in which only `model` is changed still runs."""
+        choices = f"choices: {', '.join(sorted(tables))}"
+        if not isinstance(table, dict):
+            return table
+        if "model" not in table:
+            raise error_at("model", f"is missing; {choices}")
+        if (name := table["model"]) not in [*tables]:
+            near = hint(name, tables) if isinstance(name, str) else ""
+            raise error_at("model", f"there is no model {name!r}{near}; {choices}")
+        others = {key for other in tables.values() for key in other.model_fields} - {*tables[name].model_fields}
+        return {key: value for key, value in table.items() if key not in others}
+
+    return Annotated[reduce(or_, tables.values()), Field(discriminator="model"), BeforeValidator(of_known_model)]
 
 
-MaterialTable = Annotated[reduce(or_, TABLES.values()), Field(discriminator="model"), BeforeValidator(_of_known_model)]
+TABLES = tables_of(Material.models)
+MaterialTable = any_material(TABLES)

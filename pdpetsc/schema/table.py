@@ -22,6 +22,13 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
     used_before: ClassVar[tuple[str, ...]] = ()  # keys that are gone when the table is validated
+    plain: ClassVar[str | None] = None  # type of JSON of what may stand for the whole table
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema, handler) -> dict:
+        """The schema for editors (editors.py), with what may stand for the whole table."""
+        whole = super().__get_pydantic_json_schema__(core_schema, handler)
+        return {"anyOf": [{"type": cls.plain}, handler.resolve_ref_schema(whole)]} if cls.plain else whole
 
     @model_validator(mode="before")
     @classmethod

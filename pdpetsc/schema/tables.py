@@ -1,46 +1,36 @@
 """The tables of a case file, one model for each; their fields are the keys."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
-    PlainValidator,
     Strict,
     ValidationInfo,
     model_validator,
 )
 
-from pdpetsc.bonds import HORIZON_TOLERANCE
 from pdpetsc.expressions import hint
 from pdpetsc.quantities import CHEAP, QUANTITIES
-from pdpetsc.schema.crack import Crack
+from pdpetsc.schema.body import Body, ParticleSet, Surface
 from pdpetsc.schema.damage import DamageTable, Fraction
-from pdpetsc.schema.loads import AnyLoad
+from pdpetsc.schema.loads import LoadTable
 from pdpetsc.schema.materials import MaterialTable
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.refinement import Refinement
 from pdpetsc.schema.table import Table, error_at, exactly_one
 from pdpetsc.schema.values import (
     Axes,
-    Condition,
     Count,
     FieldName,
-    Horizon,
-    LayerWidth,
     Name,
+    OptionValue,
     Positive,
     SetName,
-    Vector,
     formula,
-    known_face,
-    layer_width,
     new_set,
     new_surface,
     option_name,
-    option_value,
-    zeros_if_missing,
 )
 
 
@@ -50,76 +40,6 @@ class Units(Table):
     length: str = "m"
     force: str = "N"
     time: str = "s"
-
-
-class Zone(Table):
-    """Cells near a set are divided."""
-
-    near: SetName
-    within: Positive
-    divide: Annotated[int, Field(ge=2)]
-
-
-class Body(Table):
-    """A lattice of particles and what is cut out of it or added around it."""
-
-    shape: Literal["box"] = "box"
-    size: Annotated[tuple[Positive, ...], Strict(False), Field(min_length=1, max_length=3)]
-    spacing: Positive
-    thickness: Positive = 1.0  # out of plane in 2D, the cross-section in 1D
-    origin: Annotated[Vector, BeforeValidator(zeros_if_missing)] = Field(None, validate_default=True)
-    horizon: Horizon
-    horizon_tolerance: Annotated[float, Field(gt=-0.1, lt=0.1)] = HORIZON_TOLERANCE
-    particles: Literal["cells", "vertices"] = "cells"
-    keep: Condition | None = None
-    fitted: bool = False
-    refine: formula() | None = None
-    zones: Annotated[tuple[Zone, ...], Strict(False)] = ()
-    cracks: Annotated[tuple[Crack, ...], Strict(False)] = ()
-    layers: dict[Annotated[str, AfterValidator(known_face)], Annotated[LayerWidth, PlainValidator(layer_width)]] = {}
-
-    @property
-    def dim(self) -> int:
-        return len(self.size)
-
-    @model_validator(mode="after")
-    def _check(self):
-        if self.dim == 3 and "thickness" in self.model_fields_set:
-            raise ValueError("a body of three dimensions has no thickness")
-        if self.fitted and self.keep is None:
-            raise ValueError("fitted = true fits particles to the border of keep, which is not given")
-        for key in ("refine", "zones") if self.particles == "vertices" else ():
-            if getattr(self, key):
-                raise ValueError(f'{key} divides cells, so it goes with particles = "cells"')
-        return self
-
-
-class ParticleSet(Table):
-    """The particles that meet a condition, or the one nearest to a point. A plain text is a condition."""
-
-    where: Condition | None = None
-    nearest: Vector | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _plain_text(cls, value: Any) -> Any:
-        return {"where": value} if isinstance(value, str) else value
-
-    @model_validator(mode="after")
-    def _check(self):
-        exactly_one(self, "where", "nearest")
-        return self
-
-
-class Surface(Table):
-    """The pieces of the body's surface that meet a condition. A plain text is one."""
-
-    where: formula(condition=True, of_surface=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _plain_text(cls, value: Any) -> Any:
-        return {"where": value} if isinstance(value, str) else value
 
 
 class Solver(Table):
@@ -283,6 +203,8 @@ def of_numbers(output: Output, info: ValidationInfo) -> Output:
 def of_cells(refinement: Refinement | None, info: ValidationInfo) -> Refinement | None:
     """Particles in cells can be split, between load steps and in motion."""
     body, solver = info.data.get("body"), info.data.get("solver")
+    if refinement and body and body.shape != "box":
+        raise ValueError(f'splits the cells of lattices, so it goes with body.shape = "box", not with "{body.shape}"')
     if refinement and body and body.particles == "vertices":
         raise ValueError('divides cells, so it goes with body.particles = "cells"')
     if refinement and solver and solver.control != "load":
@@ -302,14 +224,14 @@ class Description(Table):
     surfaces: dict[Annotated[Name, AfterValidator(new_surface)], Surface] = {}
     material: Annotated[dict[Name, MaterialTable], Field(min_length=1)]
     damage: Annotated[dict[Name, DamageTable], AfterValidator(of_known_materials)] = {}
-    load: Annotated[tuple[AnyLoad, ...], Strict(False)] = ()
+    load: Annotated[tuple[LoadTable, ...], Strict(False)] = ()
     solver: Annotated[Solver, AfterValidator(of_failing_bonds), AfterValidator(of_motion)] = Solver()
     refinement: Annotated[Refinement | None, AfterValidator(of_cells)] = None
     initial: Annotated[tuple[Initial, ...], Strict(False), AfterValidator(of_time)] = ()
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
-    petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}
+    petsc: dict[Annotated[str, AfterValidator(option_name)], OptionValue] = {}
 
     @property
     def written(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import re
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo, WithJsonSchema, model_validator
 
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import Expression, hint
@@ -23,16 +23,24 @@ class Setting(NamedTuple):
     dim: int
     sets: tuple[str, ...]
     surfaces: tuple[str, ...]
+    shape: str = "box"
 
 
 def setting_of(document: dict) -> Setting:
-    """Find dimension and sets in tables that may still be wrong anywhere."""
+    """Find shape, dimension and sets in tables that may still be wrong anywhere."""
     body, sets, surfaces = (document.get(key) for key in ("body", "sets", "surfaces"))
-    size = body.get("size") if isinstance(body, dict) else None
-    dim = len(size) if isinstance(size, list) and 1 <= len(size) <= 3 else 3
+    body = body if isinstance(body, dict) else {}
     names = [tuple(named) if isinstance(named, dict) else () for named in (sets, surfaces)]
-    border = ("border",) if isinstance(body, dict) and body.get("fitted") is True else ()
-    return Setting(dim, ("all", *names[0]), (*FACES[: 2 * dim], *border, *names[1]))
+    shape = next((key for key in ("mesh", "points") if key in body), "box")
+    shape = body["shape"] if body.get("shape") in ("box", "mesh", "points") else shape
+    size, dimension = body.get("size"), body.get("dimension")
+    if shape == "box":
+        dim = len(size) if isinstance(size, list) and 1 <= len(size) <= 3 else 3
+    else:
+        dim = dimension if type(dimension) is int and 1 <= dimension <= 3 else 3
+    border = ("border",) if shape == "mesh" or (shape == "box" and body.get("fitted") is True) else ()
+    faces = FACES[: 2 * dim] if shape == "box" else ()
+    return Setting(dim, ("all", *names[0]), (*faces, *border, *names[1]), shape)
 
 
 def formula(*more_names: str, condition: bool = False, of_surface: bool = False, local: bool = True):
@@ -53,7 +61,10 @@ def formula(*more_names: str, condition: bool = False, of_surface: bool = False,
             raise ValueError(f"{value!r} is a number where a condition is needed, such as X < 0")
         return expression
 
-    return Annotated[Expression, PlainValidator(parse)]
+    names = ["X", "Y", "Z", *(NORMALS if of_surface else ()), *(["spacing"] if local else []), *more_names]
+    text = {"description": f"{'condition' if condition else 'number or expression'} of {', '.join(names)}"}
+    json = {"type": "string" if condition else ["number", "string"]} | text
+    return Annotated[Expression, PlainValidator(parse), WithJsonSchema(json)]
 
 
 def valid_name(value: str) -> str:
@@ -68,13 +79,15 @@ def new_set(value: str) -> str:
     return value
 
 
-def new_surface(value: str) -> str:
-    if value in (*FACES, "border"):
+def new_surface(value: str, info: ValidationInfo) -> str:
+    if value in (*(FACES if info.context.shape == "box" else ()), "border"):
         raise ValueError(f"the surface {value!r} is always there and cannot be another")
     return value
 
 
 def known_surface(value: str, info: ValidationInfo) -> str:
+    if info.context.shape == "points":
+        raise ValueError(f"{value!r} cannot be, for points have no surface; let the load act on a set")
     if value not in info.context.surfaces:
         choices = info.context.surfaces
         fitted = "; the border of body.keep is one with body.fitted = true" if "border" not in choices else ""
@@ -100,7 +113,8 @@ def known_face(value: str, info: ValidationInfo) -> str:
 
 def _as_long_as_dimension(value: tuple, info: ValidationInfo) -> tuple:
     if len(value) != info.context.dim:
-        raise ValueError(f"needs {info.context.dim} number(s), one for each entry of body.size, not {len(value)}")
+        of = "entry of body.size" if info.context.shape == "box" else "dimension of the body (body.dimension)"
+        raise ValueError(f"needs {info.context.dim} number(s), one for each {of}, not {len(value)}")
     return value
 
 
@@ -115,6 +129,15 @@ def _axes(value: Any, info: ValidationInfo) -> tuple[int, ...]:
     if not isinstance(chosen, list) or not chosen or any(c not in axes or chosen.count(c) > 1 for c in chosen):
         raise ValueError(f"must be one of {', '.join(axes)}, a list of them, or 'all', not {value!r}")
     return tuple(axes.index(axis) for axis in chosen)
+
+
+def group_name(value: Any, info: ValidationInfo) -> str:
+    """Turn the name of a group, or the number that stands for one, into text."""
+    if info.context.shape == "box":
+        raise ValueError('is one of the file of a body of shape "mesh" or "points"; a lattice has none')
+    if type(value) not in (str, int) or value == "":
+        raise ValueError(f"must be the name of a group in quotes, or its number, not {value!r}")
+    return str(value)
 
 
 def _is_finite(value: Any) -> bool:
@@ -170,14 +193,51 @@ Name = Annotated[str, AfterValidator(valid_name)]
 SetName = Annotated[str, AfterValidator(known_set)]
 SurfaceName = Annotated[str, AfterValidator(known_surface)]
 Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
-Axes = Annotated[tuple[int, ...], PlainValidator(_axes)]
-Normal = Annotated[tuple[float, ...], PlainValidator(unit_normal)]
+Group = Annotated[str, PlainValidator(group_name), WithJsonSchema({"type": ["string", "integer"]})]
+Axes = Annotated[
+    tuple[int, ...],
+    PlainValidator(_axes),
+    WithJsonSchema({"anyOf": [{"enum": [*AXES, "all"]}, {"type": "array", "minItems": 1, "items": {"enum": [*AXES]}}]}),
+]
+Normal = Annotated[
+    tuple[float, ...],
+    PlainValidator(unit_normal),
+    WithJsonSchema(
+        {
+            "description": "an axis or a vector",
+            "anyOf": [
+                {"enum": [*AXES, *(f"-{axis}" for axis in AXES)]},
+                {"type": "array", "items": {"type": "number"}, "maxItems": 3},
+            ],
+        }
+    ),
+]
+LayerThickness = Annotated[
+    LayerWidth,
+    PlainValidator(layer_width),
+    WithJsonSchema(
+        {
+            "description": "'horizon', '2 horizon' or a length",
+            "anyOf": [
+                {"type": "number", "exclusiveMinimum": 0},
+                {"type": "string", "pattern": r"^(\d+\.?\d* )?horizons?$"},
+            ],
+        }
+    ),
+]
+OptionValue = Annotated[
+    Any,
+    PlainValidator(option_value),
+    WithJsonSchema({"type": ["number", "string", "boolean"], "description": "value of a PETSc option"}),
+]
 FieldName = Literal[*QUANTITIES]
 Condition = formula(condition=True)
 
 
 class Horizon(Table):
     """Radius of the families: a factor of the local spacing, or a length. A plain number is a factor."""
+
+    plain = "number"
 
     factor: formula() | None = None
     length: formula() | None = None

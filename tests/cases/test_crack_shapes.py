@@ -134,7 +134,7 @@ def test_a_set_of_cells_by_name(tmp_path):
     (PLATE, 'mesh = "case.toml"', r"case.toml: is not a mesh that can be read"),
     (PLATE, 'mesh = "far.vtk"', "body.cracks.0.mesh: .*far.vtk: does not lie in a plane z = constant"),
     (PLATE, 'mesh = "flat.vtk"', "has no lines, which a crack in 2D is made of; there are triangle"),
-    (BLOCK, 'mesh = "far.msh", set = "slit"', "has no set of cells 'slit'; choices: part0, part1, part2"),
+    (BLOCK, 'mesh = "far.msh", set = "slit"', "has no group 'slit'; choices: part0, part1, part2"),
     (BLOCK, 'mesh = "far.msh", set = "part2"', "has no triangles or quadrilaterals in 'part2'"),
     (BLOCK, 'mesh = "sets.inp", set = "both"', "the set 'both' cannot be read; list the numbers of its cells"),
     (PLATE, 'mesh = "groups.msh", set = "plate"', "has no lines in 'plate'"),

@@ -1,13 +1,17 @@
 """The command line: what it asks for, what it refuses, and the exit codes."""
 
+import re
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import conftest
 import pytest
 
 import pdpetsc
-from pdpetsc import __main__, case, cli
+from pdpetsc import __main__, catalogue, cli
+from pdpetsc.commands import COMMANDS, OPTIONS
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io.view import Section, View
 
@@ -37,7 +41,7 @@ def bundled(tmp_path, monkeypatch):
     (cases / "clamped_beam.toml").write_text(
         ROD.replace("A rod", "A beam").replace("[variant.fine]", "[variant.rows3]")
     )
-    monkeypatch.setattr(case, "BUNDLED", cases)
+    monkeypatch.setattr(catalogue, "BUNDLED", cases)
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)  # `main` sets it; put it back afterwards
     monkeypatch.chdir(tmp_path)
 
@@ -135,7 +139,7 @@ def test_report(driver):
     [
         (
             "rodd",
-            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, list, restart, plot, report; bundled ",
+            "unknown word 'rodd' (did you mean 'rod'?); commands: run, check, new, list, restart, plot, ",
         ),
         ("rodd:fine", "unknown word 'rodd:fine' (did you mean 'rod'?)"),
         ("rnu rod", "unknown word 'rnu' (did you mean 'run'?)"),
@@ -144,32 +148,38 @@ def test_report(driver):
         ("no.toml", "no.toml: there is no such file"),
         ("rod --set body.spacing", "--set body.spacing: must be key=value"),
         ("rod --set body.spacing=-1", "rod.toml: body.spacing: must be greater than 0, not -1"),
-        ("rod --ouput x", "unrecognized arguments: --ouput x; see pdpetsc --help"),
+        ("rod --ouput x", "unrecognized arguments: --ouput x (did you mean '--out'?); see pdpetsc --help"),
         ("rod --out", "argument --out: expected one argument; see pdpetsc --help"),
-        ("list rod", "unknown word 'rod'"),
-        ("list --out x", "list takes neither --out nor --set"),
+        ("list modles", "unknown word 'modles' (did you mean 'models'?); lists: cases, models, "),
+        ("list rod models", "unknown word 'models'"),
+        ("list no.toml", "no.toml: there is no such file"),
+        ("list --out x", "--out goes with run, not with list"),
+        ("schema rod", "unknown word 'rod'"),
+        ("completion", "completion needs the name of a shell: bash, zsh, fish"),
+        ("completion bsh", "completion needs the name of a shell (did you mean 'bash'?)"),
+        ("new plate", "new writes a file that ends in .toml, not 'plate'"),
         ("restart", "restart needs the directory of an earlier result"),
-        ("restart x --set a=1", "restart takes neither --out nor --set"),
+        ("restart x --set a=1", "--set goes with run, check, not with restart"),
         ("plot", "plot needs the directory of an earlier result"),
-        ("plot x --out y", "plot takes neither --out nor --set"),
+        ("plot x --out y", "--out goes with run, not with plot"),
+        ("rod --animate", "--animate goes with plot, not with run"),
+        ("rod --field u", "--field goes with plot, not with run"),
         ("report", "report needs the directory of an earlier result"),
-        ("rod --animate", "--animate goes with plot"),
-        ("rod --field u", "--field goes with plot"),
-        ("check rod --curve", "--curve goes with plot"),
-        ("report rod --convergence", "--convergence goes with plot"),
         ("plot x --curve a", "--curve takes two columns of history.csv, x and y, or none, and stands behind"),
         ("plot x --field u --convergence", "--convergence does not go with --field: one picture at a time"),
         ("plot x --convergence --curve", "--curve does not go with --convergence: one picture at a time"),
         ("plot x --animate --step 2", "--animate draws all steps, so it does not go with --step"),
         ("plot x --section w=2", "--section w=2: must be a plane across an axis, as x=0.05"),
         ("plot x --step last", "invalid int value: 'last'"),
+        ("check rod --curve", "--curve goes with plot, not with check"),
+        ("report rod --convergence", "--convergence goes with plot, not with report"),
         ("check rod clamped_beam", "more than one case: rod, clamped_beam"),
         ("check rod:coarse", "rod.toml: there is no variant 'coarse'; choices: fine"),
         ("check rod --set body.spacing=-1", "rod.toml: body.spacing: must be greater than 0, not -1"),
-        ("check rod --out x", "check takes no --out"),
+        ("check rod --out x", "--out goes with run, not with check"),
         ("check rod --ranks 0", "--ranks is a positive number of ranks"),
         ("check rod --ranks many", "argument --ranks: invalid int value: 'many'"),
-        ("rod --ranks 2", "--ranks is a positive number of ranks and goes with check"),
+        ("rod --ranks 2", "--ranks goes with check, not with run"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(line, message, driver, capsys):
@@ -191,6 +201,19 @@ def test_errors_of_the_driver(error, code, driver, capsys):
     assert capsys.readouterr().err == f"pdpetsc: error: {error}\n"
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["--version", "--help", "list", "list clamped_beam:rows3_d2", "list models", "schema", "completion fish"],
+)
+def test_what_needs_no_petsc_is_answered_without_it(line, run_pdpetsc):
+    """And without MPI; under mpirun, by one of the ranks."""
+    code = "import sys; sys.modules |= {'mpi4py': None, 'petsc4py': None}; from pdpetsc.__main__ import main; main()"
+    command = [sys.executable, "-c", code, *line.split()]
+    alone = subprocess.run(command, env=conftest.environment_for_mpirun(), capture_output=True, text=True)
+    assert (alone.returncode, alone.stderr) == (0, "") and alone.stdout
+    assert line != "--version" or run_pdpetsc(2, line).stdout == alone.stdout
+
+
 def test_list(capsys):
     assert cli.main(["list"]) == 0
     assert capsys.readouterr().out.splitlines() == [
@@ -201,11 +224,22 @@ def test_list(capsys):
     ]
 
 
-@pytest.mark.parametrize("line", ["-h", "--help", "run rod --help", "restart --help"])
+@pytest.mark.parametrize("line", ["-h", "--help", "rod --help"])
 def test_help(line, capsys):
     assert cli.main(line.split()) == 0
     said = capsys.readouterr().out
     assert "pdpetsc restart DIR" in said and "mpirun -n 4" in said and max(map(len, said.splitlines())) <= 100
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command(command, capsys):
+    """Its options and no others."""
+    assert cli.main([command, "--help"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"pdpetsc {'[run]' if command == 'run' else command}")
+    assert max(map(len, said.splitlines())) <= 100
+    for option, about in OPTIONS.items():
+        assert (re.search(rf"^  {option}\b", said, re.M) is not None) == (command in about.commands)
 
 
 def test_version(capsys):
@@ -236,6 +270,7 @@ def test_petsc_defaults_pass_over_mistakes(line, expected, tmp_path):
 
 def test_missing_petsc4py_is_one_sentence(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "petsc4py", None)
+    monkeypatch.setattr(sys, "argv", ["pdpetsc"])
     assert __main__.main() == 2
     said = capsys.readouterr().err
     assert said.startswith("pdpetsc: error: petsc4py is missing; on Debian or Ubuntu 'scripts/setup' installs it")
