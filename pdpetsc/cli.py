@@ -10,7 +10,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from pdpetsc import __version__, case, parallel
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 from pdpetsc.expressions import hint
 
 DEFAULT_CASE = "clamped_beam"
@@ -47,8 +47,11 @@ Examples:
   pdpetsc restart results/plate                    go on from the last checkpoint
   pdpetsc plot results/plate --field damage --animate
 
-Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged,
-4 an expectation missed."""
+Exit codes: 0 converged and as expected, 1 internal error or results that cannot be written,
+2 bad input, 3 not converged, 4 an expectation missed, 5 stopped by a signal.
+
+SIGTERM, SIGINT (Ctrl-C) and SIGUSR2 stop a run after its step with a checkpoint, SIGUSR1 asks for a
+checkpoint; mpirun passes on SIGUSR1 and SIGUSR2 (docs/solvers.md, "When something goes wrong")."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -139,6 +142,10 @@ def main(arguments: list[str]) -> int:
         code, message = 2, error
     except ConvergenceError as error:
         code, message = 3, error
+    except Interrupted as error:
+        code, message = 5, error
+    except OutputError as error:
+        code, message = 1, error
     if comm.rank == 0:
         print(f"pdpetsc: error: {message}", file=sys.stderr, flush=True)
     return code

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 from pathlib import Path
 
 from mpi4py import MPI
@@ -10,14 +11,15 @@ from petsc4py import PETSc
 from pdpetsc import __version__
 from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import CHECKPOINT, read_description
+from pdpetsc.io.checkpoint import CHECKPOINT, check_whole, read_description
 from pdpetsc.io.plot import animate_result, plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import LOAD_STEPS, MOTION, BrokenBonds, Checkpoint, FieldOutput, History, ProgressTable
-from pdpetsc.parallel import collective, say, warn
+from pdpetsc.parallel import collective, say, warn, written
 from pdpetsc.prediction import check_fits, predict, report
+from pdpetsc.signals import SILENCE, listening
 from pdpetsc.simulation import Simulation
 from pdpetsc.summary import summary_of
 
@@ -36,6 +38,11 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
     Raises:
         InputError: on all ranks alike, before anything is written.
     """
+    with listening():
+        return _run(case, out, quiet)
+
+
+def _run(case: Case, out: Path, quiet: bool) -> int:
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
         _check_replaceable(out, case)
@@ -50,8 +57,13 @@ def run(case: Case, out: Path, quiet: bool = False) -> int:
 
 def restart(directory: Path, quiet: bool = False) -> int:
     """Go on from the checkpoint of a result directory, on any number of ranks; results are continued there."""
+    with listening():
+        return _restart(directory.parent if directory.name == CHECKPOINT else directory, quiet)
+
+
+def _restart(directory: Path, quiet: bool) -> int:
     comm = PETSc.COMM_WORLD
-    directory = directory.parent if directory.name == CHECKPOINT else directory
+    check_whole(comm.tompi4py(), directory)
     with collective(comm.tompi4py()):
         case = Case.from_document(**read_description(directory)["case"])
     simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()), directory)
@@ -152,11 +164,12 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
     if not quiet:
         _announce(simulation)
     output = simulation.output
+    checkpoint = Checkpoint(out, output.checkpoint)
     simulation.observers = [
         ProgressTable(comm, quiet, MOTION if case.solver.in_time else LOAD_STEPS),
         History(out),
+        checkpoint,  # the first of what takes time: somebody may be about to end us
         FieldOutput(out, output.fields, case.written),
-        Checkpoint(out, output.checkpoint),
         *([BrokenBonds(out, output.fields)] if simulation.fracture else []),
     ]
     status, failure = "converged", None
@@ -170,18 +183,39 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
             raise
         status, failure = "interrupted", error
     summary = summary_of(simulation, status)
-    if comm.rank == 0:
-        tables.write_summary(out / "summary.json", summary)
-        if simulation.rows:
-            _plot(comm, out, summary, simulation.rows, case.output)
+    unwritten = simulation.unwritten
+    try:
+        with written(comm.tompi4py(), out / "summary.json"):
+            if comm.rank == 0:
+                tables.write_summary(out / "summary.json", summary)
+    except OutputError as error:
+        unwritten = unwritten or error
+    if comm.rank == 0 and simulation.rows and not unwritten:
+        _plot(comm, out, summary, simulation.rows, case.output)
     comm.tompi4py().Barrier()
     if not quiet:
         _report(comm, summary, out)
     if summary["unused_options"]:
         warn(comm, f"options that nobody used: {', '.join('-' + name for name in summary['unused_options'])}")
-    if failure:
-        raise failure
+    if failure or unwritten:
+        raise failure or OutputError(f"{unwritten}{_to_go_on(out, checkpoint, simulation)}")
+    if status == "interrupted":
+        raise Interrupted(f"{_of_stop(simulation)}{_to_go_on(out, checkpoint, simulation)}")
     return 0 if case.overridden or all(e["met"] for e in summary["expect"]) else 4
+
+
+def _of_stop(simulation: Simulation) -> str:
+    state, stop = simulation.state, signal.Signals(simulation.requests.stop)
+    what = "nobody reads its output any more" if stop == SILENCE else stop.name
+    return f"the run was stopped after step {state.step}, t = {state.time:g} ({what})"
+
+
+def _to_go_on(out: Path, checkpoint: Checkpoint, simulation: Simulation) -> str:
+    """What can be done next, with a semicolon in front."""
+    if not checkpoint.last:
+        return "; there is no checkpoint yet to go on from"
+    time = simulation.time_of(checkpoint.last)
+    return f"; pdpetsc restart {out} goes on from step {checkpoint.last}, t = {time:g}"
 
 
 def _plot(comm, out: Path, summary: dict, rows: list[dict], output) -> None:
