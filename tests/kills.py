@@ -40,19 +40,19 @@ CASES = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a run that was killed.
+    """What came of a run that was killed, went on from its checkpoint, was killed again, and so on.
 
     Attributes:
-        code: of mpirun.
-        seconds: until mpirun and all ranks were gone.
-        step: of the checkpoint, and what the restart has ended with.
-        restarted: exit code of the restart.
+        codes: of mpirun, for each kill.
+        seconds: until mpirun and all ranks were gone, likewise.
+        steps: of the checkpoints, likewise.
+        restarted: exit code of the last restart, which was let alone.
         difference: largest relative one of displacements and history to the run that was let alone; 0: not a bit.
     """
 
-    code: int
-    seconds: float
-    step: int
+    codes: list[int]
+    seconds: list[float]
+    steps: list[int]
     restarted: int
     difference: float
 
@@ -68,37 +68,42 @@ def whole(directory: Path, case: str, ranks: int) -> float:
     """Let a run come to its end, for comparison; the seconds from its first step on."""
     (directory / "case.toml").write_text(CASES[case])
     job = start(ranks, directory, "case.toml", "--out", "whole")
-    began = _first_step(job, directory / "whole")
+    _wait_for_checkpoint(job, directory / "whole", 0)
+    began = time.monotonic()
     assert job.wait(300) == 0
     return time.monotonic() - began
 
 
-def killed(directory: Path, ranks: int, others: int, span: float, seed: int) -> Outcome:
+def killed(directory: Path, ranks: int, others: int, span: float, seed: int, times: int = 1) -> Outcome:
     """Kill one rank of a run at a random moment, and go on from its checkpoint.
 
     Args:
         directory: where `whole` has been.
-        ranks, others: of the run and of the restart.
-        span: seconds after the first step within which it happens.
-        seed: of the moment and the rank.
+        ranks, others: of the run and of the last restart.
+        span: seconds that the run takes after its first step; the kill comes within its share of them.
+        seed: of the moments and the ranks.
+        times: how often; in between, the run is restarted.
     """
-    chance = random.Random(seed)
-    out = directory / f"killed-{seed}"
-    job = start(ranks, directory, "case.toml", "--out", out.name)
-    _first_step(job, out)
-    time.sleep(chance.uniform(0, 0.9 * span))
-    children = Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()
-    for child in chance.sample(children, min(1, len(children))):
-        os.kill(int(child), signal.SIGKILL)
-    began = time.monotonic()
-    code = job.wait(120)
-    while any(_lives(child) for child in children):
-        time.sleep(0.01)
-    seconds = time.monotonic() - began
-    with h5py.File(out / "checkpoint.h5", "r") as file:
-        step = json.loads(file.attrs["state"])["step"]
+    chance, out = random.Random(seed), directory / f"killed-{seed}"
+    codes, seconds, steps = [], [], []
+    for number in range(times):
+        arguments = ("restart", out.name) if number else ("case.toml", "--out", out.name)
+        before = _written_at(out)
+        job = start(ranks, directory, *arguments)
+        _wait_for_checkpoint(job, out, before)
+        time.sleep(chance.uniform(0, 0.9 * span / times))
+        children = Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()
+        for child in chance.sample(children, min(1, len(children))):
+            os.kill(int(child), signal.SIGKILL)
+        began = time.monotonic()
+        codes.append(job.wait(120))
+        while any(_lives(child) for child in children):
+            time.sleep(0.01)
+        seconds.append(round(time.monotonic() - began, 2))
+        with h5py.File(out / "checkpoint.h5", "r") as file:
+            steps.append(json.loads(file.attrs["state"])["step"])
     restarted = start(others, directory, "restart", out.name).wait(300)
-    return Outcome(code, seconds, step, restarted, difference(directory / "whole", out))
+    return Outcome(codes, seconds, steps, restarted, difference(directory / "whole", out))
 
 
 def difference(one: Path, other: Path) -> float:
@@ -123,11 +128,15 @@ def _history(directory: Path) -> list[dict]:
         return list(csv.DictReader(file))
 
 
-def _first_step(job: subprocess.Popen, directory: Path) -> float:
-    """Wait for it; when it was."""
-    while job.poll() is None and not (directory / "checkpoint.h5").exists():
+def _wait_for_checkpoint(job: subprocess.Popen, directory: Path, before: int) -> None:
+    """Until there is a newer one."""
+    while job.poll() is None and _written_at(directory) <= before:
         time.sleep(0.01)
-    return time.monotonic()
+
+
+def _written_at(directory: Path) -> int:
+    path = directory / "checkpoint.h5"
+    return path.stat().st_mtime_ns if path.exists() else 0
 
 
 def _lives(pid: str) -> bool:

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import random
+import resource
 import shutil
 import signal
 
@@ -240,6 +241,24 @@ def test_a_run_goes_on_without_a_checkpoint(comm, run, full, restart, monkeypatc
     assert code == 0 and summary["steps"][-1]["step"] == result.summary["steps"][-1]["step"]
 
 
+def test_a_limit_of_file_sizes(comm, run):
+    """The field file grows beyond it: warnings, at the end an error; it holds the steps that it has had room for."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (80_000, limits[1]))
+    try:
+        result = run(ELASTIC)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert result.code == 1
+    if comm.rank == 0:
+        *warnings, last = result.errors.strip().splitlines()
+        assert warnings and all("fields.h5: cannot be written (File too large)" in line for line in warnings)
+        assert last.startswith("pdpetsc: error: ") and "goes on from step 6" in last
+    with h5py.File(result.out / "fields.h5") as file:
+        steps = [name for name in file if name.isdigit()]
+        assert 0 < len(steps) < 6 and all(np.abs(file[name]["u"][...]).max() > 0 for name in steps)
+
+
 def test_a_lost_directory(comm, run, monkeypatch):
     tell = driver.History.step
 
@@ -334,11 +353,11 @@ def test_damaged_fields_are_set_aside(comm, stopped, restart):
             with (out / "history.csv").open("a") as file:
                 file.write("4,0.5,0.5,1")
         comm.Barrier()
-        code, summary, errors = restart(out)
+        code, _, errors = restart(out)
         assert code == 0
         assert comm.rank or "fields.h5: is damaged; it is now fields.damaged" in errors
         with h5py.File(out / "fields.h5") as file:
-            assert [int(name) for name in file if name.isdigit()] == [4, 5, 6]
+            assert [int(name) for name in file if name.isdigit()] == [3, 4, 5, 6]
         lines = (out / "history.csv").read_text().splitlines()
         assert [int(line.split(",")[0]) for line in lines[1:]] == [1, 2, 3, 4, 5, 6]
         assert is_result(out)
