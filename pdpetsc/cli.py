@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pdpetsc import __version__, catalogue, commands, events, terminal
 from pdpetsc.commands import COMMANDS, DEFAULT_CASE, LISTS, OPTIONS, SHELLS
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 
 
 def hint(word: str, choices) -> str:
@@ -152,6 +152,10 @@ def main(arguments: list[str]) -> int:
         code, message = 2, error
     except ConvergenceError as error:
         code, message = 3, error
+    except Interrupted as error:
+        code, message = 5, error
+    except OutputError as error:
+        code, message = 1, error
     if message and comm.rank == 0:
         _complain(message)
     if message:

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -14,9 +15,9 @@ from pdpetsc import __version__, events
 from pdpetsc.advice import advise
 from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import CHECKPOINT, read_description
+from pdpetsc.io.checkpoint import CHECKPOINT, check_whole, read_description
 from pdpetsc.io.plot import animate_result, plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import (
@@ -30,15 +31,17 @@ from pdpetsc.observers import (
     Observer,
     ProgressTable,
 )
-from pdpetsc.parallel import collective, say, warn
+from pdpetsc.parallel import collective, say, warn, written
 from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.run import Run
+from pdpetsc.signals import SILENCE, listening
 from pdpetsc.terminal import painted
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
     """Build and solve a case and write its results; the exit code of the command line. Further as `solve`."""
-    return _exit_code(solve(case, out, quiet=quiet))
+    with listening():
+        return _exit_code(solve(case, out, quiet=quiet))
 
 
 def solve(case: Case, out: str | Path | None = None, observers: Iterable[Observer] = (), quiet: bool = True) -> Run:
@@ -75,8 +78,13 @@ def build(case: Case, checkpoint: Path | None = None) -> Run:
 
 def restart(directory: Path, quiet: bool = False) -> int:
     """Go on from the checkpoint of a result directory, on any number of ranks; results are continued there."""
+    with listening():
+        return _restart(directory.parent if directory.name == CHECKPOINT else directory, quiet)
+
+
+def _restart(directory: Path, quiet: bool) -> int:
     comm = PETSc.COMM_WORLD
-    directory = directory.parent if directory.name == CHECKPOINT else directory
+    check_whole(comm.tompi4py(), directory)
     with collective(comm.tompi4py()):
         case = Case.from_document(**read_description(directory)["case"])
     simulation = build(case, directory)
@@ -189,7 +197,8 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
     if not quiet:
         _announce(simulation)
     progress = ProgressTable(comm, quiet or events.wanted, MOTION if case.solver.in_time else LOAD_STEPS)
-    simulation.observers = [progress, JsonLines(), *(_writers(simulation, out) if out else ()), *observers]
+    writers = _writers(simulation, out) if out else []
+    simulation.observers = [progress, JsonLines(), *writers, *observers]
     failure = None
     try:
         simulation.solve()
@@ -201,10 +210,15 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
                 _remove(comm, out)
             raise
         failure = error
-    summary = simulation.summary
-    if out and comm.rank == 0:
-        tables.write_summary(out / "summary.json", summary)
-        if simulation.rows:
+    summary, unwritten = simulation.summary, simulation.unwritten
+    if out:
+        try:
+            with written(comm.tompi4py(), out / "summary.json"):
+                if comm.rank == 0:
+                    tables.write_summary(out / "summary.json", summary)
+        except OutputError as error:
+            unwritten = unwritten or error
+        if comm.rank == 0 and simulation.rows and not unwritten:
             _plot(comm, out, summary, simulation.rows, case.output)
     comm.tompi4py().Barrier()
     ending = {key: summary[key] for key in ("status", "converged", "probes", "expect", "unused_options", "timings")}
@@ -213,8 +227,10 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
         _report(comm, summary, out)
     if summary["unused_options"]:
         warn(comm, f"options that nobody used: {', '.join('-' + name for name in summary['unused_options'])}")
-    if failure:
-        raise failure
+    if failure or unwritten:
+        raise failure or OutputError(f"{unwritten}{_to_go_on(out, simulation)}")
+    if simulation.status == "interrupted":
+        raise Interrupted(f"{_of_stop(simulation)}{_to_go_on(out, simulation)}")
     return simulation
 
 
@@ -223,10 +239,24 @@ def _writers(simulation: Run, out: Path) -> list[Observer]:
     output = simulation.output
     return [
         History(out),
+        Checkpoint(out, output.checkpoint),  # the first of what takes time: somebody may be about to end us
         FieldOutput(out, output.fields, simulation.case.written),
-        Checkpoint(out, output.checkpoint),
         *([BrokenBonds(out, output.checkpoint)] if simulation.fracture else []),
     ]
+
+
+def _of_stop(simulation: Run) -> str:
+    state, stop = simulation.state, signal.Signals(simulation.requests.stop)
+    what = "nobody reads its output any more" if stop == SILENCE else stop.name
+    return f"the run was stopped after step {state.step}, t = {state.time:g} ({what})"
+
+
+def _to_go_on(out: Path | None, simulation: Run) -> str:
+    """What can be done next, with a semicolon in front."""
+    last = max((observer.last for observer in simulation.observers if isinstance(observer, Checkpoint)), default=0)
+    if not last:
+        return "; there is no checkpoint yet to go on from"
+    return f"; pdpetsc restart {out} goes on from step {last}, t = {simulation.time_of(last):g}"
 
 
 def _plot(comm, out: Path, summary: dict, rows: list[dict], output) -> None:

@@ -11,6 +11,8 @@ import pytest
 from PIL import Image
 
 from pdpetsc import cli
+from pdpetsc.io.checkpoint import CHECKPOINT, FORMAT
+from pdpetsc.io.seal import seal
 
 pytestmark = pytest.mark.mpi
 
@@ -88,6 +90,7 @@ def test_restart_goes_on(run, comm, shared_tmp_path):
             del file["description"]
             file["description"] = np.frombuffer(json.dumps(kept).encode(), np.uint8)
     comm.Barrier()
+    seal(comm, shared_tmp_path / "again" / CHECKPOINT, FORMAT)
     assert cli.main(["restart", str(shared_tmp_path / "again"), "--quiet"]) == 0
     comm.Barrier()
     after = json.loads((shared_tmp_path / "again" / "summary.json").read_text())
