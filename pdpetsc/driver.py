@@ -157,7 +157,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
         History(out),
         FieldOutput(out, output.fields, case.written),
         Checkpoint(out, output.checkpoint),
-        *([BrokenBonds(out, output.fields)] if simulation.fracture else []),
+        *([BrokenBonds(out, output.checkpoint)] if simulation.fracture else []),
     ]
     status, failure = "converged", None
     try:
