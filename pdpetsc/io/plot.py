@@ -112,7 +112,7 @@ def read_frame(file: h5py.File, step: str, field: str) -> Frame:
     u, values = group["u"][...], scalar(field, group[field][...])
     F = group["F"][...].reshape(-1, 3, 3) if "F" in group else np.eye(3)[None].repeat(len(u), axis=0)
     body = body_of(file, int(step))
-    return Frame(*(file[body + name][...] for name in ("position", "spacing", "volume")), u, F, values)  # type: ignore[call-arg]
+    return Frame(*(file[body + name][...] for name in ("position", "spacing", "volume")), u, F, values)
 
 
 def _time(summary: dict, step: str) -> float:

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pdpetsc.body.box import coordinates
-from pdpetsc.expressions import Expression
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Site:
     position: np.ndarray
     volume: np.ndarray
     spacing: np.ndarray
-    value: Expression
+    value: Any
 
     def values(self, time: float) -> np.ndarray:
         """The load's value at each member."""
