@@ -282,7 +282,7 @@ class Simulation:
         if self.fracture:
             bonds = p, self.families, former
             values = (inherited(*bonds, listed, self.case.body.horizon_tolerance) for listed in damaged.values())
-            self.fracture.take_over(*values, state.u)
+            self.fracture.take_over(*values, state.u)  # type: ignore[call-arg]
         now = measures(p, self.assembler, state, self.solver.mass if in_time else None)
         if self.rows:
             state.mapped += now["stored"] - was["stored"]

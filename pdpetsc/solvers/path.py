@@ -169,7 +169,8 @@ def follow(
     Raises:
         ConvergenceError: a step failed and may not be cut further.
     """
-    newton, assembler = passes.solver, passes.assembler
+    newton: Newton = passes.solver
+    assembler = passes.assembler
     path = Path(newton, assembler, schedule.end)
     while not schedule.finished(state.time):
         if state.step >= schedule.most:
