@@ -105,9 +105,9 @@ def materials_of(
             materials[-1].one_way = one_way_bonds(own, p.position, p.horizon, case.body.horizon_tolerance)
     mpi = p.comm.tompi4py()
     for name, material in zip(case.material, materials):
-        unmatched, families = mpi.allreduce(np.array([material.unmatched, len(material.families)]))
-        if unmatched > families / 2 and not quiet:
-            counts = f"weights of {unmatched} of {families} families could not be matched"
+        unmatched, total = mpi.allreduce(np.array([material.unmatched, len(material.families)]))
+        if unmatched > total / 2 and not quiet:
+            counts = f"weights of {unmatched} of {total} families could not be matched"
             remedy = "take a larger horizon or another influence function"
             warn(mpi, f"material.{name}: {counts}, so that its moduli are not right; {remedy}")
     wrong = mpi.allreduce(np.array([(count == 0).sum(), (count > 1).sum()]))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pdpetsc import __version__, catalogue, commands, events, terminal
 from pdpetsc.commands import COMMANDS, DEFAULT_CASE, LISTS, OPTIONS, SHELLS
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 
 
 def hint(word: str, choices) -> str:
@@ -168,6 +168,10 @@ def main(arguments: list[str]) -> int:
         code, message = 2, error
     except ConvergenceError as error:
         code, message = 3, error
+    except Interrupted as error:
+        code, message = 5, error
+    except OutputError as error:
+        code, message = 1, error
     if message and comm.rank == 0:
         _complain(message)
     if message:
@@ -194,15 +198,15 @@ def _do(request: argparse.Namespace, comm) -> int:
 
         return driver.restart(Path(request.operand), request.quiet)
     elif request.command == "plot":
-        from pdpetsc import driver
+        from pdpetsc import pictures
         from pdpetsc.io.view import View, section
 
         view = View(request.field, request.component, request.step, request.section and section(request.section))
-        return driver.plot(Path(request.operand), view, request.animate, request.curve, request.convergence)
+        return pictures.plot(Path(request.operand), view, request.animate, request.curve, request.convergence)
     elif request.command == "report":
-        from pdpetsc import driver
+        from pdpetsc import pictures
 
-        return driver.report(Path(request.operand))
+        return pictures.report(Path(request.operand))
     else:
         with parallel.collective(comm):
             chosen = case.load(request.operand, request.overrides)

@@ -184,8 +184,11 @@ def explain() -> str:
     lines += _options(names, show_commands=True)
     lines += ["", "Examples:", *_examples([example for about in COMMANDS.values() for example in about.examples])]
     lines += ["", *textwrap.wrap(
-        "Exit codes: 0 converged and as expected, 1 internal error, 2 bad input, 3 not converged, "
-        "4 an expectation missed.", WIDTH,
+        "Exit codes: 0 converged and as expected, 1 internal error or results that cannot be written, 2 bad input, "
+        "3 not converged, 4 an expectation missed, 5 stopped by a signal.", WIDTH,
+    ), "", *textwrap.wrap(
+        "SIGTERM, SIGINT (Ctrl-C) and SIGUSR2 stop a run after its step with a checkpoint, SIGUSR1 asks for a "
+        "checkpoint; mpirun passes on SIGUSR1 and SIGUSR2 (docs/solvers.md, \"When something goes wrong\").", WIDTH,
     )]  # fmt: skip
     return "\n".join(lines)
 

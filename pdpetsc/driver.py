@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -12,15 +13,11 @@ from petsc4py import PETSc
 
 from pdpetsc import __version__, events
 from pdpetsc.advice import advise
-from pdpetsc.case import Case, load
+from pdpetsc.case import Case
 from pdpetsc.census import QUICK
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 from pdpetsc.io import tables
-from pdpetsc.io.checkpoint import CHECKPOINT, read_description
-from pdpetsc.io.curves import plot_convergence, plot_curve
-from pdpetsc.io.plot import animate_result, plot_result
-from pdpetsc.io.report import write_report
-from pdpetsc.io.view import View
+from pdpetsc.io.checkpoint import CHECKPOINT, check_whole, read_description
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import (
     LOAD_STEPS,
@@ -33,17 +30,18 @@ from pdpetsc.observers import (
     Observer,
     ProgressTable,
 )
-from pdpetsc.parallel import collective, say, warn
-from pdpetsc.prediction import check_fits, predict
-from pdpetsc.prediction import report as report_of
+from pdpetsc.parallel import collective, say, warn, written
+from pdpetsc.pictures import draw
+from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.run import Run
+from pdpetsc.signals import SILENCE, listening
 from pdpetsc.terminal import painted
-from pdpetsc.units import labels_of_history
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
     """Build and solve a case and write its results; the exit code of the command line. Further as `solve`."""
-    return _exit_code(solve(case, out, quiet=quiet))
+    with listening():
+        return _exit_code(solve(case, out, quiet=quiet))
 
 
 def solve(case: Case, out: str | Path | None = None, observers: Iterable[Observer] = (), quiet: bool = True) -> Run:
@@ -80,70 +78,19 @@ def build(case: Case, checkpoint: Path | None = None) -> Run:
 
 def restart(directory: Path, quiet: bool = False) -> int:
     """Go on from the checkpoint of a result directory, on any number of ranks; results are continued there."""
+    with listening():
+        return _restart(directory.parent if directory.name == CHECKPOINT else directory, quiet)
+
+
+def _restart(directory: Path, quiet: bool) -> int:
     comm = PETSc.COMM_WORLD
-    directory = directory.parent if directory.name == CHECKPOINT else directory
+    check_whole(comm.tompi4py(), directory)
     with collective(comm.tompi4py()):
         case = Case.from_document(**read_description(directory)["case"])
     simulation = build(case, directory)
     if simulation.ended:
         warn(comm, f"{directory}: the run has already come to its end, t = {simulation.state.time:g}")
     return _exit_code(_finish(simulation, directory, (), quiet))
-
-
-def plot(
-    directory: Path, view: View, animate: bool = False, curve: list[str] | None = None, convergence: bool = False
-) -> int:
-    """Draw a result: a field of a step or of all of them moving, a curve, or how Newton's method converged; the exit
-    code of the command line.
-
-    Args:
-        directory: of the result.
-        view: what is seen of the body; without a field, that of `output.picture`.
-        animate: whether all steps are drawn.
-        curve: two columns of history.csv, x and y, one over the other instead of the body; [] as `output.curve` says.
-        convergence: whether residuals are drawn instead of the body.
-
-    Raises:
-        InputError: there is no such result, field or column.
-    """
-    comm = PETSc.COMM_WORLD
-    with collective(comm.tompi4py()):
-        if comm.rank == 0:
-            summary = tables.read_summary(directory)
-            title = summary["title"] or summary["case"]
-            if convergence:
-                path = plot_convergence(directory, title, summary["steps"])
-            elif curve is not None:
-                path = _plot_curve(directory, title, summary, curve)
-            else:
-                view = view._replace(field=view.field or load(str(directory / "case.toml")).output.picture)
-                path = (animate_result if animate else plot_result)(directory, summary, view, view.name)
-            say(comm, f"{path}")
-    return 0
-
-
-def _plot_curve(directory: Path, title: str, summary: dict, axes: list[str]) -> Path:
-    """The curve of two columns, or that of the case."""
-    document = tables.read_case(directory)
-    chosen = document.get("output", {}).get("curve")
-    if not axes and not chosen:
-        raise InputError("--curve: the case has no output.curve; name two columns of history.csv, x and y")
-    x, y = axes or (chosen["x"], chosen["y"])
-    labels = labels_of_history(document, summary["units"], tables.in_time(summary))
-    return plot_curve(directory, title, tables.read_history(directory), x, y, labels)
-
-
-def report(directory: Path) -> int:
-    """Write the report of a result, one page that stands alone; the exit code of the command line.
-
-    Raises:
-        InputError: there is no such result.
-    """
-    comm = PETSc.COMM_WORLD
-    with collective(comm.tompi4py()):
-        if comm.rank == 0:
-            say(comm, f"{write_report(directory)}")
-    return 0
 
 
 def check(case: Case, ranks: int | None = None) -> int:
@@ -163,7 +110,7 @@ def check(case: Case, ranks: int | None = None) -> int:
     prediction = comm.bcast(prediction)
     available = available_memory()
     say(comm, f"{case.title or case.name}  ({case.path})")
-    say(comm, report_of(prediction, case.units, available))
+    say(comm, report(prediction, case.units, available))
     events.tell(comm, "prediction", available=available, **asdict(prediction))
     for text in advise(case, prediction):
         warn(comm, text)
@@ -229,7 +176,8 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
     if not quiet:
         _announce(simulation)
     progress = ProgressTable(comm, quiet or events.wanted, MOTION if case.solver.in_time else LOAD_STEPS)
-    simulation.observers = [progress, JsonLines(), *(_writers(simulation, out) if out else ()), *observers]
+    writers = _writers(simulation, out) if out else []
+    simulation.observers = [progress, JsonLines(), *writers, *observers]
     failure = None
     try:
         simulation.solve()
@@ -241,11 +189,16 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
                 _remove(comm, out)
             raise
         failure = error
-    summary = simulation.summary
-    if out and comm.rank == 0:
-        tables.write_summary(out / "summary.json", summary)
-        if simulation.rows:
-            _plot(comm, out, summary, case.output)
+    summary, unwritten = simulation.summary, simulation.unwritten
+    if out:
+        try:
+            with written(comm.tompi4py(), out / "summary.json"):
+                if comm.rank == 0:
+                    tables.write_summary(out / "summary.json", summary)
+        except OutputError as error:
+            unwritten = unwritten or error
+        if comm.rank == 0 and simulation.rows and not unwritten:
+            draw(comm, out, summary, case.output.picture)
     comm.tompi4py().Barrier()
     ending = {key: summary[key] for key in ("status", "converged", "probes", "expect", "unused_options", "timings")}
     events.tell(comm, "result", results=str(out), **ending)
@@ -253,8 +206,10 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
         _report(comm, summary, out)
     if summary["unused_options"]:
         warn(comm, f"options that nobody used: {', '.join('-' + name for name in summary['unused_options'])}")
-    if failure:
-        raise failure
+    if failure or unwritten:
+        raise failure or OutputError(f"{unwritten}{_to_go_on(out, simulation)}")
+    if simulation.status == "interrupted":
+        raise Interrupted(f"{_of_stop(simulation)}{_to_go_on(out, simulation)}")
     return simulation
 
 
@@ -263,20 +218,24 @@ def _writers(simulation: Run, out: Path) -> list[Observer]:
     output = simulation.output
     return [
         History(out),
+        Checkpoint(out, output.checkpoint),  # the first of what takes time: somebody may be about to end us
         FieldOutput(out, output.fields, simulation.case.written),
-        Checkpoint(out, output.checkpoint),
         *([BrokenBonds(out, output.checkpoint)] if simulation.fracture else []),
     ]
 
 
-def _plot(comm, out: Path, summary: dict, output) -> None:
-    """The pictures; a run is not lost for want of them."""
-    try:
-        plot_result(out, summary, View(output.picture), "result")
-        if output.curve:
-            _plot_curve(out, summary["title"] or summary["case"], summary, [])
-    except Exception as error:
-        warn(comm, f"a picture was not made: {error}")
+def _of_stop(simulation: Run) -> str:
+    state, stop = simulation.state, signal.Signals(simulation.requests.stop)
+    what = "nobody reads its output any more" if stop == SILENCE else stop.name
+    return f"the run was stopped after step {state.step}, t = {state.time:g} ({what})"
+
+
+def _to_go_on(out: Path | None, simulation: Run) -> str:
+    """What can be done next, with a semicolon in front."""
+    last = max((observer.last for observer in simulation.observers if isinstance(observer, Checkpoint)), default=0)
+    if not last:
+        return "; there is no checkpoint yet to go on from"
+    return f"; pdpetsc restart {out} goes on from step {last}, t = {simulation.time_of(last):g}"
 
 
 def _remove(comm, out: Path) -> None:

@@ -1,4 +1,4 @@
-"""The two ways in which a run can fail for a reason that a person can mend."""
+"""The ways in which a run can fail for a reason that a person can mend."""
 
 from contextlib import contextmanager
 
@@ -16,6 +16,14 @@ class ConvergenceError(Exception):
 
 class Stop(Exception):
     """An observer ends the run after a committed step; raised on all ranks alike."""
+
+
+class OutputError(Exception):
+    """Results cannot be written: one sentence with file and cause (exit code 1); raised on all ranks alike."""
+
+
+class Interrupted(Exception):
+    """A signal has asked the run to stop (exit code 5); raised on all ranks alike."""
 
 
 @contextmanager

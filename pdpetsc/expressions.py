@@ -139,7 +139,7 @@ class _Term(NamedTuple):
     """A part of an expression: its kind, and how its value follows from the variables."""
 
     is_condition: bool
-    evaluate: Callable[[dict], np.ndarray]
+    evaluate: Callable[[dict], np.ndarray | np.generic]
 
 
 def _parse(text: str | float) -> ast.expr:
@@ -193,8 +193,8 @@ class _Reader:
                 return self._comparison(node)
             case ast.BoolOp():
                 return _fold(_LOGIC[type(node.op)], [self._condition(value) for value in node.values])
-            case ast.Call(func=ast.Name(), keywords=[]):
-                return self._call(node.func.id, node.args)
+            case ast.Call(func=ast.Name(id=name), keywords=[]):
+                return self._call(name, node.args)
             case ast.BinOp() | ast.UnaryOp() if type(node.op) in _INSTEAD:
                 raise _ReadingError(f"is not an expression: {_INSTEAD[type(node.op)]}")
         raise _ReadingError(f"holds something that no expression may hold ({type(node).__name__})")

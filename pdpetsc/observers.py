@@ -9,9 +9,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pdpetsc import events
+from pdpetsc.errors import OutputError
 from pdpetsc.io.checkpoint import write_checkpoint
 from pdpetsc.io.fields import FieldWriter
 from pdpetsc.io.tables import write_broken_bonds, write_history
+from pdpetsc.parallel import heard, warn, written
 
 SILENCE = 5.0
 """Seconds after which a load step in which bonds fail is heard of."""
@@ -63,12 +65,51 @@ MOTION = (
 """Columns of the table of a motion."""
 
 
+class Written(Observer):
+    """Writes something of the steps that are wanted and of the last one that was committed.
+
+    Where that fails a run goes on, and tries again at the next of those steps; at the end it is an OutputError.
+
+    Args:
+        directory: existing result directory.
+        wanted: function of the step's number.
+    """
+
+    def __init__(self, directory: Path, wanted: Callable[[int], bool]):
+        self._directory = directory
+        self._wanted = wanted
+        self.last = 0
+        """The last step that has been written, or 0."""
+
+    def step(self, run):
+        if self._wanted(run.state.step):
+            self._try(run)
+
+    def finish(self, run):
+        if run.state.step and run.state.step != self.last:
+            self._do(run)
+
+    def _try(self, run):
+        try:
+            self._do(run)
+        except OutputError as error:
+            warn(run.comm, f"{error}; the run goes on without and tries again later")
+
+    def _do(self, run):
+        with run.timings("output"):
+            self._write(run)
+        self.last = run.state.step
+
+    def _write(self, run):
+        raise NotImplementedError
+
+
 class ProgressTable(Observer):
     """A line for each step, and below them a progress bar where a single process has a terminal."""
 
     def __init__(self, comm, quiet: bool, columns: tuple[tuple[str, str], ...]):
         self._columns = columns
-        self._console = Console(quiet=quiet or comm.rank > 0, highlight=False, soft_wrap=True)
+        self._console = _Console(quiet=quiet or comm.rank > 0, highlight=False, soft_wrap=True)
         self._progress = Progress(
             TextColumn("load steps"),
             BarColumn(),
@@ -82,7 +123,7 @@ class ProgressTable(Observer):
 
     def start(self, run):
         widths = [len(template.format_map(_Sample())) for _, template in self._columns]
-        self._console.print("".join(f"{name:>{width}}" for (name, _), width in zip(self._columns, widths)))
+        self._print("".join(f"{name:>{width}}" for (name, _), width in zip(self._columns, widths)))
         self._progress.start()
         self._spoken = clock.monotonic()
         self._task = self._progress.add_task("", total=run.schedule.end, completed=run.state.time, time=run.state.time)
@@ -92,25 +133,35 @@ class ProgressTable(Observer):
             return
         row, self._spoken = {"broken_bonds": 0, "rounding_floor": False} | run.rows[-1], clock.monotonic()
         remark = "  (residual at the rounding floor)" if row["rounding_floor"] else ""
-        self._progress.console.print("".join(t.format_map(row) for _, t in self._columns) + remark)
+        self._print("".join(t.format_map(row) for _, t in self._columns) + remark)
         self._progress.update(self._task, completed=row["time"], time=row["time"])
 
     def passed(self, run, record):
         if clock.monotonic() > self._spoken + SILENCE:
             self._spoken = clock.monotonic()
-            self._progress.console.print(f"      pass {len(record.passes)}: {record.broken} bonds broken")
+            self._print(f"      pass {len(record.passes)}: {record.broken} bonds broken")
 
     def failed(self, run, reached, tried, reason):
-        self._progress.console.print(f"      step to t = {tried:g} cut in half: {reason}")
+        self._print(f"      step to t = {tried:g} cut in half: {reason}")
 
     def refined(self, run):
         if run.case.solver.in_time and clock.monotonic() < self._spoken + SILENCE:
             return
         self._spoken = clock.monotonic()
-        self._progress.console.print(f"      refined: {run.particles.count} particles")
+        self._print(f"      refined: {run.particles.count} particles")
 
     def finish(self, run):
-        self._progress.stop()
+        with heard():
+            self._progress.stop()
+
+    def _print(self, line: str) -> None:
+        with heard():
+            self._progress.console.print(line)
+
+
+class _Console(Console):
+    def on_broken_pipe(self):
+        raise BrokenPipeError  # rich would end the program
 
 
 class JsonLines(Observer):
@@ -146,78 +197,63 @@ class _Sample(dict):
         return 0
 
 
-class History(Observer):
+class History(Written):
     """history.csv, a row for each step."""
 
     def __init__(self, directory: Path):
-        self._path = directory / "history.csv"
-        self._written = 0
+        super().__init__(directory, lambda step: True)
+        self._rows = 0  # that are in the file
+
+    def _write(self, run):
+        path = self._directory / "history.csv"
+        with written(run.comm.tompi4py(), path):
+            if run.comm.rank == 0:
+                write_history(path, run.rows, self._rows)
+        self._rows = len(run.rows)
+
+
+class Checkpoint(Written):
+    """Checkpoints, at the steps that are wanted and where the run is asked for one."""
+
+    def start(self, run):
+        self.last = run.state.step  # which comes from a checkpoint
 
     def step(self, run):
-        if run.comm.rank == 0:
-            write_history(self._path, run.rows, self._written)
-        self._written = len(run.rows)
+        if self._wanted(run.state.step) or run.requests.save or run.requests.stop:
+            self._try(run)
+            run.requests.saved()
+
+    def _write(self, run):
+        write_checkpoint(self._directory, run.particles, run.state, run.description, run.damaged)
 
 
-class FieldOutput(Observer):
+class FieldOutput(Written):
     """Fields of the steps that are wanted and of the last one that was committed."""
 
     def __init__(self, directory: Path, wanted: Callable[[int], bool], fields: tuple[str, ...]):
-        self._directory = directory
-        self._wanted = wanted
+        super().__init__(directory, wanted)
         self._fields = fields
 
     def start(self, run):
         known = {row["step"]: row["time"] for row in run.rows}
         self._writer = FieldWriter(self._directory, run.particles, known, self._fields)
-
-    def step(self, run):
-        if self._wanted(run.state.step):
-            self._write(run)
-
-    def finish(self, run):
-        if run.state.step and run.state.step not in self._writer.steps:
-            self._write(run)
+        if run.state.step in self._writer.steps:
+            self.last = run.state.step
+        elif run.state.step and self._wanted(run.state.step):  # an earlier run has ended on the way
+            self._try(run)
 
     def _write(self, run):
-        with run.timings("output"):
-            self._writer.write(run.particles, run.state.step, run.state.time, run.recovery)
+        self._writer.write(run.particles, run.state.step, run.state.time, run.recovery)
 
 
-class OfSteps(Observer):
-    """Writes something of the steps that are wanted and of the last one that was committed."""
-
-    def __init__(self, directory: Path, wanted: Callable[[int], bool]):
-        self._directory = directory
-        self._wanted = wanted
-
-    def step(self, run):
-        if self._wanted(run.state.step):
-            self._write(run)
-
-    def finish(self, run):
-        if run.state.step and not self._wanted(run.state.step):
-            self._write(run)
-
-    def _write(self, run):
-        raise NotImplementedError
-
-
-class BrokenBonds(OfSteps):
+class BrokenBonds(Written):
     """broken_bonds.csv."""
 
     def _write(self, run):
-        with run.timings("output"):
-            lists = run.fracture.broken(), np.concatenate(run.fracture.broken_ends(), axis=1)
-            gathered = run.comm.tompi4py().gather(lists)
+        path = self._directory / "broken_bonds.csv"
+        lists = run.fracture.broken(), np.concatenate(run.fracture.broken_ends(), axis=1)
+        gathered = run.comm.tompi4py().gather(lists)
+        with written(run.comm.tompi4py(), path):
             if gathered is not None:
                 bonds, ends = (np.concatenate(parts) for parts in zip(*gathered))
-                write_broken_bonds(self._directory / "broken_bonds.csv", bonds, ends, run.time_of)
-
-
-class Checkpoint(OfSteps):
-    """Checkpoints."""
-
-    def _write(self, run):
-        with run.timings("output"):
-            write_checkpoint(self._directory, run.particles, run.state, run.description, run.damaged)
+                write_broken_bonds(path, bonds, ends, run.time_of)

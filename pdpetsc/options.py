@@ -59,6 +59,7 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
     petsc4py.init(["pdpetsc", *arguments])
     os.environ["PETSC_OPTIONS"] = given  # for programs that this one starts
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc's handler would call `pdpetsc | head` a crash
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # and this one, too
     _give_memory_back()
 
 

@@ -1,20 +1,24 @@
 """What every rank must do together: fail, speak once, and agree."""
 
+import os
 import sys
 import traceback
 from contextlib import contextmanager
+from pathlib import Path
 
 from mpi4py import MPI
 
-from pdpetsc import events, terminal
-from pdpetsc.errors import InputError
+from pdpetsc import events, signals, terminal
+from pdpetsc.errors import InputError, OutputError
 
 
 def abort_on_exception() -> None:
     """End all ranks when one of them meets an exception that nobody handles; the others would wait for ever."""
 
     def abort(kind, error, trace):
-        if not issubclass(kind, BrokenPipeError):  # the reader of our output is gone: nothing to tell
+        if issubclass(kind, KeyboardInterrupt):
+            print("pdpetsc: error: stopped by SIGINT", file=sys.stderr, flush=True)
+        else:
             sys.stdout.flush()
             traceback.print_exception(kind, error, trace)
             sys.stderr.flush()
@@ -35,15 +39,46 @@ def collective(comm):
         yield
     except InputError as error:
         message = str(error)
+    _raise_first(comm, message, InputError)
+
+
+@contextmanager
+def written(comm, path: Path):
+    """Turn an OSError on any rank inside the block, which writes a file, into one OutputError on all ranks.
+
+    As in `collective`, the block itself must be free of collective calls.
+    """
+    message = None
+    try:
+        yield
+    except OSError as error:
+        message = f"{path}: cannot be written ({error.strerror or error})"
+    _raise_first(comm, message, OutputError)
+
+
+def _raise_first(comm, message: str | None, kind: type[Exception]) -> None:
     first = next((m for m in comm.allgather(message) if m is not None), None)
     if first is not None:
-        raise InputError(first)
+        raise kind(first)
 
 
 def say(comm, *text) -> None:
     """Print on the first rank, where people and not machines are told."""
     if comm.rank == 0 and not events.wanted:
-        print(*text, flush=True)
+        with heard():
+            print(*text, flush=True)
+
+
+@contextmanager
+def heard():
+    """Where nobody reads our output any more, as in `pdpetsc | head`, be silent and ask the run to stop."""
+    try:
+        yield
+    except BrokenPipeError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+        signals.ask(signals.SILENCE)
 
 
 def warn(comm, text: str) -> None:

@@ -107,7 +107,7 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
     symmetric = all(material.symmetric for material in materials) and not (follower or _softens(case, census))
     small = census.blocks * dim**2 <= direct_limit(dim, bool(case.damage))
     definite = case.solver.control == "load"
-    solvers = {k: default_options(k == "matrix_free", small, symmetric, ranks, definite) | given for k in KINDS}
+    solvers = {k: {**default_options(k == "matrix_free", small, symmetric, ranks, definite), **given} for k in KINDS}
     without = tuple(name for name, spec in case.material.items() if spec.density is None)
     return Prediction(
         dim, census.particles, census.exact, census.bonds, census.most, census.blocks, census.compact, ranks,

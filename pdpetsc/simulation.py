@@ -18,17 +18,19 @@ from pdpetsc.body.sets import Sets
 from pdpetsc.building import distributed_particles, expected_blocks, refinement_of
 from pdpetsc.case import Case
 from pdpetsc.discretisation import Discretisation, schedule_of
-from pdpetsc.errors import ConvergenceError, InputError
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
 from pdpetsc.io.checkpoint import gathered_bonds, read_damaged, read_description, read_particles, read_state
 from pdpetsc.observers import Observer
 from pdpetsc.particles import Particles
 from pdpetsc.recover import Recovery
+from pdpetsc.signals import Requests
 from pdpetsc.solvers.constraints import ArcLength, Constraint, Failure
 from pdpetsc.solvers.dynamics import TimeSteps
 from pdpetsc.solvers.passes import Passes, StepRecord
 from pdpetsc.solvers.path import follow
 from pdpetsc.solvers.stepping import Schedule, march
 from pdpetsc.state import State
+from pdpetsc.summary import row_of
 from pdpetsc.timings import Timings
 
 _KEEP_COMMUNICATOR = PETSc.Vec().create(PETSc.COMM_WORLD)
@@ -39,6 +41,8 @@ second simulation of one process some would have to copy it again, collectively,
 EVERY = 10
 """Steps of a motion between looks at what is to be refined, where the case says nothing: a wave crosses a horizon in
 about as many."""
+
+MINUTES = 30.0  # between checkpoints of a motion at most, where the case says nothing
 
 
 class Outputs(NamedTuple):
@@ -67,6 +71,8 @@ class Simulation:
         timings: seconds by stage.
         refinements: one dictionary for each, as in summary.json.
         observers: who is told.
+        requests: what signals and the clock ask for.
+        unwritten: what has kept results of the end from being written; None: nothing.
     """
 
     def __init__(self, case: Case, comm: PETSc.Comm, blocks: float | None = None, checkpoint: Path | None = None):
@@ -75,6 +81,9 @@ class Simulation:
         self.rows: list[dict] = []
         self.refinements: list[dict] = []
         self.observers: list[Observer] = []
+        minutes = case.output.checkpoint_minutes or (MINUTES if case.solver.in_time else None)
+        self.requests = Requests(comm.tompi4py(), minutes, case.solver.in_time)
+        self.unwritten: OutputError | None = None
         try:
             self._build(case, expected_blocks(comm, case) if blocks is None else blocks, checkpoint)
         except InputError as error:
@@ -127,9 +136,10 @@ class Simulation:
     def output(self) -> Outputs:
         """When fields and checkpoints are written."""
         if self.case.solver.in_time:
-            return Outputs(self.solver.writes_fields, lambda step: step % self.solver.checkpoint == 0)
-        every, checkpoint = self.case.output.every or 1, self.case.output.checkpoint or 1
-        return Outputs(lambda step: step % every == 0, lambda step: step % checkpoint == 0)
+            return Outputs(lambda n: self.solver.writes_fields(n), lambda n: self.solver.writes_checkpoint(n))
+        output = self.case.output
+        every, checkpoint = output.every or 1, output.checkpoint or (0 if output.checkpoint_minutes else 1)
+        return Outputs(lambda step: step % every == 0, lambda step: bool(checkpoint) and step % checkpoint == 0)
 
     @cached_property
     def recovery(self) -> Recovery:
@@ -176,7 +186,8 @@ class Simulation:
         return kept | ({"time_steps": [asdict(s) for s in self.solver.time_steps]} if c.solver.in_time else {})
 
     def solve(self) -> str:
-        """Run to the end of the schedule, "converged", or until the body has come apart, "separated".
+        """Run to the end of the schedule, "converged", until the body has come apart, "separated", or to where a signal
+        stops it, "interrupted".
 
         Raises:
             ConvergenceError: a step was not solved; the steps before it stay committed.
@@ -184,14 +195,11 @@ class Simulation:
         """
         for observer in self.observers:
             observer.start(self)
-        status, failure = "not_converged", None
+        failure = None
         try:
-            if self.separated:  # in an earlier run
-                status = "separated"
-            else:
-                status = self._solve()
-        except (ConvergenceError, InputError) as error:  # met by all ranks alike, so they can finish together
-            failure = error
+            status = "separated" if self.separated else self._solve()  # separated: in an earlier run
+        except (ConvergenceError, InputError, Interrupted) as error:  # met by all ranks alike, so they finish together
+            status, failure = "interrupted", error
             if self.fracture and self.case.solver.in_time:  # what has broken since the last committed step
                 self.fracture.roll_back(self.state.u)
             if self.rows:
@@ -199,8 +207,11 @@ class Simulation:
             else:
                 self.assembler.unload()
         for observer in self.observers:
-            observer.finish(self)
-        if failure:
+            try:
+                observer.finish(self)
+            except OutputError as error:  # the others may have more luck
+                self.unwritten = self.unwritten or error
+        if failure and not isinstance(failure, Interrupted):
             raise failure
         return status
 
@@ -209,16 +220,21 @@ class Simulation:
         solver = self.case.solver
         while self._mark(self.state) and self._refine() and not self.rows:
             pass  # at the start; a checkpoint was written before that, and goes on with one refinement
+        self.requests.look()
+        if self.requests.stop and not self.ended:
+            return "interrupted"
         while True:
             if solver.in_time:
-                paused = self.solver.run(self.state, self._commit_motion, self._mark)
+                paused = self.solver.run(self.state, self._commit_motion, self._look)
                 status = "paused" if paused else "converged"
             elif solver.control == "load":
                 status = march(self.passes, self.state, self.schedule, self._commit, self._failed, self._unsolved)
             else:
-                return follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
+                status = follow(self.passes, self.state, self.schedule, self._constraint, self._commit, self._failed)
             if status != "paused":
                 return status
+            if self.requests.stop:
+                return "interrupted"
             self._refine()
 
     def _mark(self, state: State) -> bool:
@@ -266,7 +282,7 @@ class Simulation:
         if self.fracture:
             bonds = p, self.families, former
             values = (inherited(*bonds, listed, self.case.body.horizon_tolerance) for listed in damaged.values())
-            self.fracture.take_over(*values, state.u)
+            self.fracture.take_over(*values, state.u)  # type: ignore[call-arg]
         now = measures(p, self.assembler, state, self.solver.mass if in_time else None)
         if self.rows:
             state.mapped += now["stored"] - was["stored"]
@@ -282,55 +298,41 @@ class Simulation:
         return True
 
     def _commit(self, state: State, record: StepRecord) -> bool:
-        """Take a state over; whether the body is to be refined at it."""
+        """Take a state over; whether the run is to pause at it."""
         self.__dict__.pop("recovery", None)
         self.state, self._unsolved = state, False
-        last, iterations = record.passes[-1], [newton.newton_iterations for newton in record.passes]
-        scale = last.residual_scale
-        along = {} if self.case.solver.control == "load" else {"arc_length": record.arc_length}
-        energies = {}
         if self.fracture:
             self.fracture.commit()
-            energies = {
-                "external_work": state.external_work, "stored_energy": record.stored, "dissipated": state.dissipated,
-                "held_particles": record.held, "crack_area": self.fracture.crack_area,
-            }  # fmt: skip
-        self.rows.append(
-            {
-                "step": state.step,
-                "time": state.time,
-                "load_factor": state.time / self.schedule.end,
-                **along,
-                "newton_iterations": sum(iterations),
-                "linear_iterations": sum(newton.linear_iterations for newton in record.passes),
-                "relaxation_steps": sum(newton.relaxation_steps for newton in record.passes),
-                "residual_norms": last.residual_norms,
-                "residual_scale": scale,
-                "relative_residual": last.residual_norms[-1] / scale if scale else 0.0,
-                "rounding_floor": last.rounding_floor,
-                "broken_bonds": record.broken,
-                "passes": len(iterations),
-                "most_newton_iterations": max(iterations),
-                "abandoned_iterations": record.abandoned,
-                "seconds": sum(newton.seconds for newton in record.passes),
-                **energies,
-                **self._count,
-                "probes": {probe.name: probe.read(self.recovery, state.time) for probe in self.probes},
-            }
-        )
-        for observer in self.observers:
-            observer.step(self)
-        return self._mark(state)
+        self._note(row_of(self, record))
+        return bool(self.requests.stop) or self._mark(state)
 
     def _commit_motion(self, state: State) -> None:
         self.__dict__.pop("recovery", None)
         self.state = state
         if self.fracture:
             self.fracture.commit()
-        probes = {probe.name: probe.read(self.recovery, state.time) for probe in self.probes}
-        self.rows.append(self.solver.row(state) | self._count | {"probes": probes})
+        self._note(self.solver.row(state))
+
+    def _note(self, row: dict) -> None:
+        """Add a row, and tell the observers of the step."""
+        if not self.case.solver.in_time:
+            self.requests.look()
+        probes = {probe.name: probe.read(self.recovery, self.state.time) for probe in self.probes}
+        self.rows.append(row | self._count | {"probes": probes})
         for observer in self.observers:
             observer.step(self)
+
+    def _look(self, state: State) -> str:
+        """What is to become of a step of a motion: `Motion`'s "commit" or "pause"."""
+        self.requests.look()
+        if self.requests.stop or self._mark(state):
+            return "pause"
+        return "commit" if self.requests.save else ""
+
+    def _look_within_step(self) -> None:
+        self.requests.look()
+        if self.requests.stop:
+            raise Interrupted
 
     @property
     def _count(self) -> dict[str, int]:
@@ -338,9 +340,11 @@ class Simulation:
         return {"particles": self.particles.count} if self._refinement else {}
 
     def _passed(self, record: StepRecord) -> None:
+        self._look_within_step()
         for observer in self.observers:
             observer.passed(self, record)
 
     def _failed(self, reached: float, tried: float, reason: str) -> None:
         for observer in self.observers:
             observer.failed(self, reached, tried, reason)
+        self._look_within_step()

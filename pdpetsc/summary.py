@@ -1,4 +1,4 @@
-"""What summary.json says of a run."""
+"""What summary.json says of a run, and the rows of its load steps."""
 
 import resource
 import time as clock
@@ -8,6 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from pdpetsc import __version__, expectations, options
+from pdpetsc.solvers.passes import StepRecord
 from pdpetsc.solvers.path import limit_points
 
 
@@ -65,6 +66,36 @@ def _family_size(run) -> dict:
 def _smallest_spacing(p) -> float:
     """Of a body without a lattice."""
     return p.comm.tompi4py().allreduce(float(p.spacing[: p.owned].min(initial=float("inf"))), MPI.MIN)
+
+
+def row_of(run, record: StepRecord) -> dict:
+    """A row of the history for the load step that was committed last (collective)."""
+    state, last = run.state, record.passes[-1]
+    iterations, scale = [newton.newton_iterations for newton in record.passes], last.residual_scale
+    along = {} if run.case.solver.control == "load" else {"arc_length": record.arc_length}
+    energies = {} if not run.fracture else {
+        "external_work": state.external_work, "stored_energy": record.stored, "dissipated": state.dissipated,
+        "held_particles": record.held, "crack_area": run.fracture.crack_area,
+    }  # fmt: skip
+    return {
+        "step": state.step,
+        "time": state.time,
+        "load_factor": state.time / run.schedule.end,
+        **along,
+        "newton_iterations": sum(iterations),
+        "linear_iterations": sum(newton.linear_iterations for newton in record.passes),
+        "relaxation_steps": sum(newton.relaxation_steps for newton in record.passes),
+        "residual_norms": last.residual_norms,
+        "residual_scale": scale,
+        "relative_residual": last.residual_norms[-1] / scale if scale else 0.0,
+        "rounding_floor": last.rounding_floor,
+        "broken_bonds": record.broken,
+        "passes": len(iterations),
+        "most_newton_iterations": max(iterations),
+        "abandoned_iterations": record.abandoned,
+        "seconds": sum(newton.seconds for newton in record.passes),
+        **energies,
+    }
 
 
 def _extremes(run) -> dict:

@@ -70,7 +70,9 @@ class Transient:
         self.time_steps = earlier or [self._steps(self.initial)]
         count, output = self.time_steps[0].count, case.output
         self.every = output.every or max(1, count // FIELDS)
-        self.checkpoint = output.checkpoint or max(1, count // CHECKPOINTS)
+        self._checkpoint = output.checkpoint
+        if not output.checkpoint and not output.checkpoint_minutes:
+            self._checkpoint = max(1, count // CHECKPOINTS)
         self.history = output.history or max(1, count // ROWS)
 
     @property
@@ -133,27 +135,32 @@ class Transient:
 
     def wanted(self, step: int) -> bool:
         """Whether a step is committed: for the history, the fields, a checkpoint or a given time."""
-        return any(step % n == 0 for n in (self.history, self.every, self.checkpoint)) or step in self.at
+        regular = any(step % n == 0 for n in (self.history, self.every))
+        return regular or self.writes_checkpoint(step) or step in self.at
 
     def writes_fields(self, step: int) -> bool:
         """Whether the fields of a step are written."""
         return step % self.every == 0 or step in self.at
 
-    def run(self, state: State, commit: Callable[[State], None], pause: Callable[[State], bool]) -> bool:
-        """From a state to the end, or to the first one at which a function says so; whether there was one.
+    def writes_checkpoint(self, step: int) -> bool:
+        """Whether a checkpoint of a step is written by its number."""
+        return bool(self._checkpoint) and step % self._checkpoint == 0
+
+    def run(self, state: State, commit: Callable[[State], None], look: Callable[[State], str]) -> bool:
+        """From a state to the end, or to the first one at which `look` says so (`Motion`); whether there was one.
 
         Raises:
             ConvergenceError: the motion has blown up, or a step was not solved.
         """
         self._began = clock.perf_counter()
-        self.motion = self._motion(commit, pause)
+        self.motion = self._motion(commit, look)
         with self._assembler.timings("solve"):
             (Verlet(self.motion) if self._explicit else self._implicit()).run(state)
         return self.motion.paused
 
     def kinetic(self, state: State) -> float:
         """Kinetic energy of a state, as it goes into the balance (collective)."""
-        motion = self._motion(lambda state: None, lambda state: False)
+        motion = self._motion(lambda state: None, lambda state: "")
         motion.begin(state)
         return motion.kinetic()
 
@@ -161,9 +168,9 @@ class Transient:
     def _explicit(self) -> bool:
         return self._case.solver.mode == "verlet"
 
-    def _motion(self, commit, pause) -> Motion:
+    def _motion(self, commit, look) -> Motion:
         lag = self.steps.size if self._explicit else 0.0
-        return Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, pause, lag)
+        return Motion(self._assembler, self.mass, self._fracture, self.steps, commit, self.wanted, look, lag)
 
     def _implicit(self) -> GeneralisedAlpha:
         """The generalised-alpha method with the linear solver that equilibria have, too."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pdpetsc.quantities import PRESSURE, QUANTITIES
 
-NAMES = {
+NAMES: dict[str, dict[tuple[str, ...], str]] = {
     "{force}/{length}^2": {
         ("N", "m"): "Pa", ("kN", "m"): "kPa", ("MN", "m"): "MPa", ("N", "mm"): "MPa", ("kN", "mm"): "GPa",
     },

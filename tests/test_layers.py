@@ -13,7 +13,10 @@ LONGEST = 350  # lines of a room
 
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
-    ("errors", "expressions", "quantities", "units", "timings", "terminal", "events", "parallel", "options", "memory"),
+    (
+        "errors", "expressions", "quantities", "units", "timings", "terminal", "events", "signals", "parallel",
+        "options", "memory",
+    ),
     (
         "body",
         "particles",
@@ -47,6 +50,7 @@ LAYERS = (
         "simulation",
         "summary",
         "run",
+        "pictures",
         "driver",
         "api",
         "lists",

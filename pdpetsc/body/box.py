@@ -228,7 +228,7 @@ class Lattice:
             codes.append(cut.face)
             points.append(cut.point)
             areas.append(cut.area)
-        return Facets(
+        return Facets(  # type: ignore[call-arg]
             *(np.concatenate(values) for values in (parents, codes, points)), np.concatenate(areas) * thickness
         )
 

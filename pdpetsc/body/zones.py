@@ -58,4 +58,4 @@ class Zone:
 def zones_of(case) -> tuple[Zone, ...]:
     """Those of a case's `[[body.zones]]`."""
     sets = {"all": (None, None)} | {name: (spec.where, spec.nearest) for name, spec in case.sets.items()}
-    return tuple(Zone(zone.near, *sets[zone.near], zone.within, zone.divide) for zone in case.body.zones)
+    return tuple(Zone(zone.near, *sets[zone.near], zone.within, zone.divide) for zone in case.body.zones)  # type: ignore[call-arg]

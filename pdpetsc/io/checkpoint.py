@@ -1,6 +1,7 @@
 """Checkpoints: one HDF5 file from which a run goes on, on any number of ranks."""
 
 import json
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -8,14 +9,16 @@ import h5py
 import numpy as np
 
 from pdpetsc.body.sets import Sets
-from pdpetsc.errors import InputError
+from pdpetsc.errors import InputError, OutputError
 from pdpetsc.exchange import Directory
-from pdpetsc.io.blocks import open_file, read_field, write_field
+from pdpetsc.io import seal
+from pdpetsc.io.blocks import read_field, write_field
+from pdpetsc.io.shared_file import open_file
 from pdpetsc.particles import Facets, Particles, Points, distribute
 from pdpetsc.state import State
 
 CHECKPOINT = "checkpoint.h5"
-FORMAT = 3
+FORMAT = 4
 FIELDS = ("u", "increment", "v")
 """Of the state, beside its numbers."""
 LINEAGE = ("parent", "ancestor")
@@ -25,65 +28,64 @@ LINEAGE = ("parent", "ancestor")
 def write_checkpoint(
     directory: Path, particles: Particles, state: State, description: dict, damaged: dict[str, np.ndarray]
 ) -> None:
-    """Write the state and what is needed to go on; the file is whole or absent (new file, then rename; collective).
+    """Write the state and what is needed to go on; whole or not at all (new file, then rename; collective).
 
     Args:
         directory: existing result directory.
         description: plain data to keep with it: the case's document and the records of the steps so far.
         damaged: lists (n, 3) of this rank's bonds, by name, with the ids of their ends and what has become of them.
+
+    Raises:
+        OutputError: it cannot be written.
     """
-    p = particles
+    p, mpi = particles, particles.comm.tompi4py()
     facets = _gathered_facets(p) if p.carried else Facets.none(p.dim)
-    damaged = {name: gathered_bonds(p.comm.tompi4py(), bonds) for name, bonds in damaged.items()}
+    damaged = {name: gathered_bonds(mpi, bonds) for name, bonds in damaged.items()}
     new = directory / (CHECKPOINT + ".new")
-    # Metadata must be the same on all ranks, and wall-clock seconds are not.
-    text = p.comm.tompi4py().bcast(np.frombuffer(json.dumps(description).encode(), np.uint8))
-    with open_file(p.comm, new, "w") as file:
-        for name in FIELDS:
-            if getattr(state, name) is not None:
-                write_field(p.comm, file, name, p.directory, p.count, getattr(state, name))
-        write_field(p.comm, file, "position", p.directory, p.count, p.position[: p.owned])
-        if p.carried:  # a refined body
-            for name in ("volume", "spacing", "horizon"):
-                write_field(p.comm, file, name, p.directory, p.count, getattr(p, name)[: p.owned])
-            for name in LINEAGE:
-                write_field(p.comm, file, name, p.directory, p.count, p.carried[name])
-        if file is not None:
-            for name, values in vars(facets).items():
-                file[f"facets/{name}"] = values
-            file.attrs["pdpetsc_checkpoint"] = FORMAT
-            kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name not in FIELDS}
-            file.attrs["state"] = json.dumps(kept)
-            for name, bonds in damaged.items():
-                data = file.create_dataset(f"damaged/{name}", bonds.shape, bonds.dtype)
-                data[...] = bonds
-            data = file.create_dataset("description", text.shape, text.dtype)
-            data[...] = text
-    if p.comm.rank == 0:
-        new.replace(directory / CHECKPOINT)
-    p.comm.tompi4py().Barrier()
+    owned = {name: getattr(state, name) for name in FIELDS if getattr(state, name) is not None}
+    owned["position"] = p.position[: p.owned]
+    if p.carried:  # a refined body
+        owned |= {name: getattr(p, name)[: p.owned] for name in ("volume", "spacing", "horizon")}
+        owned |= {name: p.carried[name] for name in LINEAGE}
+    try:
+        with open_file(p.comm, new, "w", userblock_size=seal.SIZE) as shared:
+            for name, values in owned.items():
+                write_field(shared, name, p.directory, p.count, values)
+            if shared.file is not None:
+                kept = {key.name: getattr(state, key.name) for key in fields(state) if key.name not in FIELDS}
+                shared.file.attrs["state"] = json.dumps(kept)
+                for group, listed in (("facets", vars(facets)), ("damaged", damaged)):
+                    for name, values in listed.items():
+                        shared.file[f"{group}/{name}"] = values
+                shared.file["description"] = np.frombuffer(json.dumps(description).encode(), np.uint8)
+        seal.seal(mpi, new, FORMAT)
+        seal.rename(mpi, new, directory / CHECKPOINT)
+    except OutputError:
+        if mpi.rank == 0:
+            with suppress(OSError):
+                new.unlink(missing_ok=True)  # room for the next attempt
+        raise
+
+
+def check_whole(mpi, directory: Path) -> None:
+    """See that a checkpoint is there and as it was written (collective).
+
+    Raises:
+        InputError: on all ranks alike, where it is not.
+    """
+    seal.check_seal(mpi, directory / CHECKPOINT, FORMAT)
 
 
 def read_description(directory: Path) -> dict:
     """The description kept in a checkpoint.
 
     Raises:
-        InputError: there is no readable checkpoint of this format.
+        InputError: there is no checkpoint of this format.
     """
     path = directory / CHECKPOINT
-    try:
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("pdpetsc_checkpoint") != FORMAT:
-                raise InputError(f"{path}: this is no pdpetsc checkpoint of format {FORMAT}")
-            return json.loads(file["description"][...].tobytes())
-    except FileNotFoundError:
-        raise InputError(
-            f"{path}: there is no checkpoint; restart needs the results of a run that solved a load step"
-        ) from None
-    except NotADirectoryError:
-        raise InputError(f"{path.parent}: is no directory; restart needs the result directory of a run") from None
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
+    seal.read_seal(path, FORMAT)
+    with h5py.File(path, "r") as file:
+        return json.loads(file["description"][...].tobytes())
 
 
 def gathered_bonds(mpi, bonds: np.ndarray) -> np.ndarray:

@@ -7,12 +7,15 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
-from pdpetsc.io.blocks import open_file, write_field
+from pdpetsc.io.blocks import write_field
+from pdpetsc.io.shared_file import SharedFile, open_file
+from pdpetsc.io.tables import whole
+from pdpetsc.parallel import warn, written
 from pdpetsc.particles import Particles
 from pdpetsc.quantities import QUANTITIES
 from pdpetsc.recover import Recovery
 
-XDMF, HDF5 = "fields.xdmf", "fields.h5"
+XDMF, HDF5, ASIDE = "fields.xdmf", "fields.h5", "fields.damaged"
 BODY = ("position", "volume", "horizon", "spacing")
 REFINED = "refined"
 """Group of the bodies after refinements, each by the first step of which there are fields on it."""
@@ -24,7 +27,7 @@ class FieldWriter:
     The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon`, `spacing` and a group
     for each step with vectors as (N, 3) and tensors as (N, 9). A refined body is in a group refined/STEP with the
     particles of the steps from that one on, and the ids that they were split from (`parent`). The file is closed
-    between steps; `steps` has their times.
+    between steps; `steps` has their times. One of an earlier run that cannot be read is set aside.
 
     Args:
         directory: existing result directory.
@@ -38,13 +41,20 @@ class FieldWriter:
         self._fields = fields
         self._particles, self._count = particles, particles.count
         self.steps: dict[int, float] = {}
-        if times and (directory / HDF5).exists():
-            self._keep(times)
-            return
+        mpi = particles.comm.tompi4py()
+        if times and mpi.bcast((directory / HDF5).exists()):
+            earlier = mpi.bcast(self._earlier(times) if mpi.rank == 0 else None)
+            if earlier is not None:
+                self._keep(times, *earlier)
+                return
+            with written(mpi, directory / ASIDE):
+                if mpi.rank == 0:
+                    (directory / HDF5).replace(directory / ASIDE)
+            warn(particles.comm, f"{directory / HDF5}: is damaged; it is now {ASIDE}, and a new one is begun")
         with open_file(particles.comm, directory / HDF5, "w") as file:
             self._write_body(file, "")
 
-    def _write_body(self, file, group: str) -> None:
+    def _write_body(self, file: SharedFile, group: str) -> None:
         p = self._particles
         for name in BODY:
             self._write(file, group + name, getattr(p, name)[: p.owned])
@@ -52,42 +62,61 @@ class FieldWriter:
         if group:
             self._write(file, group + "parent", p.carried["parent"].astype(np.int32))
 
-    def _keep(self, times: dict[int, float]) -> None:
+    def _earlier(self, times: dict[int, float]) -> tuple[list[str], int] | None:
+        """The steps in the file of an earlier run and the number of particles of the last one that is kept; None where
+        they cannot be read."""
+        try:
+            with h5py.File(self._directory / HDF5, "r") as file:
+                steps = written_steps(file)
+                for name in steps:
+                    for values in file[name].values():
+                        values[:1]
+                return steps, len(file[body_of(file, max(times)) + "position"])
+        except (OSError, RuntimeError, LookupError, ValueError, TypeError):  # of h5py, whatever it trips over
+            return None
+
+    def _keep(self, times: dict[int, float], steps: list[str], count: int) -> None:
         """Keep the steps of an earlier run up to its checkpoint and drop later ones."""
-        with open_file(self._particles.comm, self._directory / HDF5, "a") as file:
-            written = written_steps(file) if file is not None else []
-            for name in written:
-                if int(name) not in times:
-                    del file[name]
-            for name in list(file.get(REFINED, ())) if file is not None else ():
-                if int(name) > max(times):
-                    del file[f"{REFINED}/{name}"]
+        with open_file(self._particles.comm, self._directory / HDF5, "r+") as shared:
+            file = shared.file
             if file is not None:
-                self._count = len(file[body_of(file, max(times)) + "position"])
-        written, self._count = self._particles.comm.tompi4py().bcast((written, self._count))
-        self.steps = {int(name): times[int(name)] for name in written if int(name) in times}
+                later = [name for name in steps if int(name) not in times]
+                bodies = [f"{REFINED}/{name}" for name in file.get(REFINED, ()) if int(name) > max(times)]
+                for name in later + bodies:
+                    del file[name]
+        self._count = count
+        self.steps = {int(name): times[int(name)] for name in steps if int(name) in times}
 
     def write(self, particles: Particles, step: int, time: float, recovery: Recovery) -> None:
-        """Append a step, and its particles if the body has been refined since the last one (collective)."""
-        self._particles = particles
-        with open_file(particles.comm, self._directory / HDF5, "a") as file:
-            if particles.count != self._count:
-                self._write_body(file, f"{REFINED}/{step:05d}/")
-                self._count = particles.count
-            for name in self._fields:
-                self._write(file, f"{step:05d}/{name}", recovery.field(name))
-        self.steps[step] = time
-        if self._particles.comm.rank == 0:
-            with h5py.File(self._directory / HDF5, "r") as file:
-                bodies = {step: body_of(file, step) for step in self.steps}
-                counts = {group: len(file[group + "position"]) for group in set(bodies.values())}
-            tree = ElementTree.ElementTree(_xdmf(self.steps, bodies, counts, self._fields))
-            ElementTree.indent(tree)
-            tree.write(self._directory / XDMF, xml_declaration=True)
+        """Append a step, and its particles if the body has been refined since the last one (collective).
 
-    def _write(self, file, name: str, values: np.ndarray) -> None:
+        Raises:
+            OutputError: it cannot be written; the file is what it was.
+        """
+        self._particles = particles
+        if step not in self.steps:
+            with open_file(particles.comm, self._directory / HDF5, "r+") as file:
+                if particles.count != self._count:
+                    self._write_body(file, f"{REFINED}/{step:05d}/")
+                for name in self._fields:
+                    self._write(file, f"{step:05d}/{name}", recovery.field(name))
+            self._count, self.steps[step] = particles.count, time
+        with written(particles.comm.tompi4py(), self._directory / XDMF):
+            if particles.comm.rank == 0:
+                self._write_description()
+
+    def _write_description(self) -> None:
+        with h5py.File(self._directory / HDF5, "r") as file:
+            bodies = {step: body_of(file, step) for step in self.steps}
+            counts = {group: len(file[group + "position"]) for group in set(bodies.values())}
+        tree = _xdmf(self.steps, bodies, counts, self._fields)
+        ElementTree.indent(tree)
+        with whole(self._directory / XDMF) as file:
+            file.write(ElementTree.tostring(tree, xml_declaration=True).decode())
+
+    def _write(self, file: SharedFile, name: str, values: np.ndarray) -> None:
         p = self._particles
-        write_field(p.comm, file, name, p.directory, p.count, _for_visualisation(values))
+        write_field(file, name, p.directory, p.count, _for_visualisation(values))
 
 
 def written_steps(file: h5py.File) -> list[str]:

@@ -13,7 +13,7 @@ from pdpetsc.errors import InputError
 from pdpetsc.io.curves import convergence, curve
 from pdpetsc.io.frames import open_fields
 from pdpetsc.io.plot import picture
-from pdpetsc.io.tables import in_time, read_case, read_history, read_summary
+from pdpetsc.io.tables import in_time, read_case, read_history, read_summary, whole
 from pdpetsc.io.view import View
 from pdpetsc.quantities import QUANTITIES, label
 
@@ -69,7 +69,8 @@ def write_report(directory: Path) -> Path:
     page.filters["number"] = number
     text = page.get_template("report.html").render(contents(directory, document, summary))
     path = directory / "report.html"
-    path.write_text(text, encoding="utf-8")
+    with whole(path) as file:
+        file.write(text)
     return path
 
 
@@ -285,7 +286,7 @@ class Picture:
 
     def __init__(self, caption: str, alternative: str, figure):
         self.caption, self.alternative = caption, alternative
-        width, height = figure.get_size_inches()
+        width, height = figure.get_size_inches().tolist()
         self.shape = " ".join(["broad"] * (width > BROAD * height) + ["long"] * (width > LONG * height))
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=DPI, format="png")

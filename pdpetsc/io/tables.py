@@ -1,12 +1,15 @@
 """summary.json, history.csv and the case as run."""
 
 import csv
+import io
 import json
 import os
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import tomli_w
@@ -30,8 +33,9 @@ def write_case(directory: Path, document: dict, command: str) -> None:
 
 
 FILES = {
-    "case.toml", "summary.json", "summary.new", "history.csv", "fields.h5", "fields.xdmf", "result.png", "curve.png",
-    "checkpoint.h5", "checkpoint.h5.new", "broken_bonds.csv", "broken_bonds.new", "convergence.png", "report.html",
+    "case.toml", "summary.json", "summary.new", "history.csv", "history.new", "fields.h5", "fields.damaged",
+    "fields.xdmf", "fields.new", "result.png", "curve.png", "checkpoint.h5", "checkpoint.h5.new", "broken_bonds.csv",
+    "broken_bonds.new", "convergence.png", "report.html", "report.new",
     *(name for field in QUANTITIES for name in _pictures(field)),
 }  # fmt: skip
 """All that a run, its pictures and its report leave in its result directory; pictures of a step have its number too."""
@@ -46,18 +50,42 @@ def is_result(directory: Path) -> bool:
         return False
 
 
+@contextmanager
+def whole(path: Path) -> Iterator[TextIO]:
+    """A text file that is written whole or stays what it was."""
+    new = path.with_suffix(".new")
+    try:
+        with new.open("w", newline="", encoding="utf-8") as file:
+            yield file
+        os.replace(new, path)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+
+
 def write_history(path: Path, rows: list[dict], begin: int = 0) -> None:
-    """Write history.csv whole, or append the rows from `begin` on; each row is a step with the probes that are single
-    numbers."""
+    """Write history.csv whole, or append the rows from `begin` on, all of them or none; each row is a step with the
+    probes that are single numbers."""
     scalar = (int, float, str)
     columns = [name for name, value in rows[0].items() if isinstance(value, scalar)]
     probes = [name for name, value in rows[0]["probes"].items() if isinstance(value, scalar)]
-    with path.open("a" if begin else "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        if not begin:
-            writer.writerow([*columns, *probes])
-        for row in rows[begin:]:
-            writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    if not begin:
+        writer.writerow([*columns, *probes])
+    for row in rows[begin:]:
+        writer.writerow([*(row[c] for c in columns), *(row["probes"][p] for p in probes)])
+    if not begin:
+        with whole(path) as file:
+            file.write(text.getvalue())
+        return
+    size = path.stat().st_size
+    try:
+        with path.open("a", newline="", encoding="utf-8") as file:
+            file.write(text.getvalue())
+    except OSError:
+        os.truncate(path, size)
+        raise
 
 
 def read_history(directory: Path) -> dict[str, list[float]]:
@@ -88,22 +116,20 @@ def write_broken_bonds(path: Path, bonds: np.ndarray, ends: np.ndarray, time_of:
         ends: (n, 2 dim) positions of both ends.
         time_of: gives the time of a step.
     """
-    axes, new = AXES[: ends.shape[1] // 2], path.with_suffix(".new")
+    axes = AXES[: ends.shape[1] // 2]
     order = np.lexsort(bonds.T[[1, 0, 2]])
     times = {step: time_of(step) for step in np.unique(bonds[:, 2]).astype(int).tolist()}
-    with new.open("w", newline="", encoding="utf-8") as file:
+    with whole(path) as file:
         writer = csv.writer(file)
         writer.writerow(["step", "time", "i", "j", *(f"{axis.upper()}_{end}" for end in "ij" for axis in axes)])
         for (i, j, step), place in zip(bonds[order].astype(np.int64).tolist(), ends[order].tolist()):
             writer.writerow([step, times[step], i, j, *(f"{x:.9g}" for x in place)])
-    os.replace(new, path)
 
 
 def write_summary(path: Path, summary: dict) -> None:
     """Write summary.json, whole or not at all."""
-    new = path.with_suffix(".new")
-    new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    os.replace(new, path)
+    with whole(path) as file:
+        file.write(json.dumps(summary, indent=1) + "\n")
 
 
 def read_summary(directory: Path) -> dict:

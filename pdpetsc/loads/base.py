@@ -1,7 +1,7 @@
 """What loads have in common: where they act, and their values there in time."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,12 +21,12 @@ class Site:
         value: Expression of X, Y, Z, spacing, t.
     """
 
-    mpi: object
+    mpi: Any
     members: np.ndarray
     position: np.ndarray
     volume: np.ndarray
     spacing: np.ndarray
-    value: object
+    value: Any
 
     def values(self, time: float) -> np.ndarray:
         """The load's value at each member."""

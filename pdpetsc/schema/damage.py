@@ -24,12 +24,16 @@ class AnyDamage(Table):
     along: Annotated[tuple[Crack, ...], Strict(False), Field(min_length=1)] | None = None
 
 
-def any_damage(criteria: dict[str, type[Criterion]]) -> Any:
-    """The type of a `[damage.NAME]`: the table of one of the criteria."""
-    tables = {
+def tables_of(criteria: dict[str, type[Criterion]]) -> dict[str, type[AnyDamage]]:
+    """The table of each criterion."""
+    return {
         name: table_of_keys(criterion.Keys, criterion.__name__, AnyDamage, criterion=(Literal[name], ...))
         for name, criterion in criteria.items()
     }
+
+
+def any_damage(tables: dict[str, type[AnyDamage]]) -> Any:
+    """The type of a `[damage.NAME]`: the table of one of the criteria."""
 
     def of_known_criterion(table: Any) -> Any:
         if not isinstance(table, dict):
@@ -46,7 +50,8 @@ def any_damage(criteria: dict[str, type[Criterion]]) -> Any:
     return Annotated[either, Field(discriminator="criterion"), BeforeValidator(of_known_criterion)]
 
 
-DamageTable = any_damage(Criterion.criteria)
+TABLES = tables_of(Criterion.criteria)
+DamageTable = any_damage(TABLES)
 
 
 def _fraction(value: Any) -> float:

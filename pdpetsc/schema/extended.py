@@ -8,9 +8,7 @@ from pydantic import AfterValidator, Field, Strict, create_model
 from pdpetsc.damage.base import Criterion
 from pdpetsc.loads.base import Load
 from pdpetsc.materials.base import Material
-from pdpetsc.schema import loads
-from pdpetsc.schema.damage import any_damage
-from pdpetsc.schema.materials import any_material, tables_of
+from pdpetsc.schema import damage, loads, materials
 from pdpetsc.schema.tables import Description, of_known_materials
 from pdpetsc.schema.values import Name
 
@@ -30,12 +28,14 @@ def description() -> type[Description]:
 
 @lru_cache(maxsize=1)
 def _extended(models: tuple, criteria: tuple, kinds: tuple) -> type[Description]:
-    material, damage, load = any_material(tables_of(dict(models))), any_damage(dict(criteria)), loads.any_load(loads.tables_of(dict(kinds)))
+    material = materials.any_material(materials.tables_of(dict(models)))
+    failing = damage.any_damage(damage.tables_of(dict(criteria)))
+    load = loads.any_load(loads.tables_of(dict(kinds)))
     return create_model(
         "Description",
         __base__=Description,
         __module__=__name__,
         material=(Annotated[dict[Name, material], Field(min_length=1)], ...),
-        damage=(Annotated[dict[Name, damage], AfterValidator(of_known_materials)], {}),
+        damage=(Annotated[dict[Name, failing], AfterValidator(of_known_materials)], {}),
         load=(Annotated[tuple[load, ...], Strict(False)], ()),
     )

@@ -112,6 +112,7 @@ class Output(Table):
 
     every: Count | None = None
     checkpoint: Count | None = None
+    checkpoint_minutes: Positive | None = None
     history: Count | None = None
     times: Annotated[tuple[Positive, ...], Strict(False)] = ()
     fields: Annotated[tuple[FieldName, ...], Strict(False)] = CHEAP

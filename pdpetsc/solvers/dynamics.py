@@ -118,16 +118,17 @@ class Motion:
         steps: in time.
         commit: called with the state after each of the steps for which `wanted` is true, and after the last one.
         wanted: function of the step's number.
-        pause: function of the state that tells after each step whether it is to be the last one for now.
+        look: function of the state that tells after each step whether it is to be committed in any case ("commit") or
+            to be the last one for now ("pause").
         lag: dt in the kinetic energy (above).
     """
 
     def __init__(
         self, assembler: Assembler, mass: np.ndarray, fracture: Fracture | None, steps: TimeSteps,
-        commit: Callable[[State], None], wanted: Callable[[int], bool], pause: Callable[[State], bool], lag: float,
+        commit: Callable[[State], None], wanted: Callable[[int], bool], look: Callable[[State], str], lag: float,
     ):  # fmt: skip
         self.assembler, self.mass, self.fracture, self.steps = assembler, mass[:, None], fracture, steps
-        self.commit, self.wanted, self.pause, self.lag = commit, wanted, pause, lag
+        self.commit, self.wanted, self.look, self.lag = commit, wanted, look, lag
 
     def begin(self, state: State) -> None:
         """Take over a state (collective)."""
@@ -176,8 +177,9 @@ class Motion:
                 f"too long; {steps.stable:.4g} was estimated to be stable at the start"
             )
         finished = steps.finished(state.time)
-        self.paused = not finished and self.pause(state)
-        if self.paused or finished or self.wanted(state.step):
+        asked = "" if finished else self.look(state)
+        self.paused = asked == "pause"
+        if asked or finished or self.wanted(state.step):
             self._commit()
 
     def _commit(self) -> None:

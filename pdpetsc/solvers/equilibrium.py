@@ -13,10 +13,13 @@ from pdpetsc.solvers.relaxation import Relaxation
 class EquilibriumSolver(Protocol):
     """Finds equilibria."""
 
-    guess: np.ndarray | None
-    """(owned, dim) where a predictor came to in a step that failed, or None."""
-    record: SolveRecord
-    """Of the last step."""
+    @property
+    def guess(self) -> np.ndarray | None:
+        """(owned, dim) where a predictor came to in a step that failed, or None."""
+
+    @property
+    def record(self) -> SolveRecord:
+        """Of the last step."""
 
     def advance(self, u: np.ndarray, time: float, near: bool, quick: bool) -> tuple[np.ndarray, SolveRecord]:
         """The equilibrium at `time` from that at owned displacements u, and how it was found; raises StepFailed.

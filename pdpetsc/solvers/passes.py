@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pdpetsc.assembly import Assembler
-from pdpetsc.errors import InputError
+from pdpetsc.errors import InputError, Interrupted
 from pdpetsc.fracture import STRIDE, Fracture
 from pdpetsc.solvers.equilibrium import EquilibriumSolver
 from pdpetsc.solvers.record import SolveRecord, StepFailed
@@ -57,7 +57,7 @@ class Passes:
         assembler: of the body.
         fracture: the bonds; None: they do not fail.
         overshoot: by how much the worst bond may pass its critical value before a load increment is cut.
-        passed: called with the record of the step so far after each pass in which bonds failed.
+        passed: called with the record of the step so far after each pass in which bonds failed; may raise Interrupted.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Passes:
             return new, record
         try:
             self._until_nothing_fails(state, new, record, equilibrium, again, overshoot, coarse)
-        except (StepFailed, InputError):  # also where a load has no value
+        except (StepFailed, InputError, Interrupted):  # also where a load has no value
             self._fracture.roll_back(state.u)
             raise
         record.abandoned, self._abandoned = self._abandoned, 0

@@ -150,7 +150,7 @@ def follow(
     state: State,
     schedule: Schedule,
     constraint: Callable[[State, float], Constraint],
-    commit: Callable[[State, StepRecord], None],
+    commit: Callable[[State, StepRecord], bool],
     failed: Callable[[float, float, str], None],
 ) -> str:
     """Advance along the path of equilibrium to the end of the schedule, or until the body has come apart.
@@ -169,7 +169,8 @@ def follow(
     Raises:
         ConvergenceError: a step failed and may not be cut further.
     """
-    newton, assembler = passes.solver, passes.assembler
+    newton: Newton = passes.solver
+    assembler = passes.assembler
     path = Path(newton, assembler, schedule.end)
     while not schedule.finished(state.time):
         if state.step >= schedule.most:
@@ -199,9 +200,11 @@ def follow(
         record.arc_length = arc(assembler, increment)
         easy = schedule.adaptive and max(newton.newton_iterations for newton in record.passes) <= EASY
         state = replace(new, increment=increment, speed=speed, step_size=2 * size if easy else size)
-        commit(state, record)
+        paused = commit(state, record)
         if record.separated:
             return "separated"
+        if paused and not schedule.finished(state.time):
+            return "paused"
     return "converged"
 
 

@@ -62,7 +62,7 @@ class Relaxation:
         assembler: of the body.
     """
 
-    guess = None
+    guess: np.ndarray | None = None
     record = SolveRecord()
     """Of the last step."""
 

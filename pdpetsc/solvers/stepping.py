@@ -100,6 +100,6 @@ def march(
         paused = commit(state, record)
         if record.separated:
             return "separated"
-        if paused:
+        if paused and not schedule.finished(state.time):
             return "paused"
     return "converged"

@@ -11,6 +11,9 @@ import pytest
 from PIL import Image
 
 from pdpetsc import cli
+from pdpetsc.io.tables import is_result
+from pdpetsc.io.checkpoint import CHECKPOINT, FORMAT
+from pdpetsc.io.seal import seal
 
 pytestmark = pytest.mark.mpi
 
@@ -69,6 +72,11 @@ def test_pictures(run, comm):
     with Image.open(result.out / "damage.gif") as image:
         assert image.n_frames >= 4
     assert (result.out / "result.png").exists()
+    assert cli.main(["report", str(result.out)]) == 0
+    comm.Barrier()
+    page = (result.out / "report.html").read_text()
+    assert "damage" in page and page.count("<img") >= 2 and "could not be made" not in page
+    assert is_result(result.out)
 
 
 def test_restart_goes_on(run, comm, shared_tmp_path):
@@ -88,6 +96,7 @@ def test_restart_goes_on(run, comm, shared_tmp_path):
             del file["description"]
             file["description"] = np.frombuffer(json.dumps(kept).encode(), np.uint8)
     comm.Barrier()
+    seal(comm, shared_tmp_path / "again" / CHECKPOINT, FORMAT)
     assert cli.main(["restart", str(shared_tmp_path / "again"), "--quiet"]) == 0
     comm.Barrier()
     after = json.loads((shared_tmp_path / "again" / "summary.json").read_text())

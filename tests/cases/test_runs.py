@@ -681,6 +681,19 @@ def test_units_do_not_matter(run):
     assert two["probes"]["pull"] == pytest.approx(one["probes"]["pull"], rel=1e-10)
 
 
+def test_the_bundled_pair_of_units(run):
+    """`plate_two_holes` on a coarser lattice, in mm and in m."""
+    coarse = "solver.steps=1", "output.fields=['u']"
+    sets = [word for entry in coarse for word in ("--set", entry)]
+    millimetres = run("plate_two_holes", *sets, "--set", "body.spacing=2.0", out="mm")
+    metres = run("plate_two_holes:si", *sets, "--set", "body.spacing=0.002", out="m")
+    assert millimetres.code == metres.code == 0
+    for probe, factor in {"elongation": 1e3, "peak": 1e-6, "reaction": 1.0}.items():
+        assert factor * metres.summary["probes"][probe] == pytest.approx(millimetres.summary["probes"][probe], rel=1e-9)
+    assert millimetres.summary["family_size"] == metres.summary["family_size"]
+    assert 0 < metres.summary["family_size"]["min"] < metres.summary["family_size"]["max"]
+
+
 # One rank and several
 
 

@@ -72,8 +72,9 @@ def driver(monkeypatch):
         return 0
 
     stub = SimpleNamespace(run=run, restart=restart, check=check, plot=plot, report=report, calls=calls)
-    monkeypatch.setattr(pdpetsc, "driver", stub, raising=False)
-    monkeypatch.setitem(sys.modules, "pdpetsc.driver", stub)
+    for room in ("driver", "pictures"):
+        monkeypatch.setattr(pdpetsc, room, stub, raising=False)
+        monkeypatch.setitem(sys.modules, f"pdpetsc.{room}", stub)
     return stub
 
 

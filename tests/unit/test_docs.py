@@ -103,3 +103,35 @@ def test_snippets_of_the_case_file_page_are_valid():
             document["probe"] += [{"name": n, "field": "u", "component": "x", "at": [1.0, 1.0]} for n in names]
         Case.from_document(document | {"material": document["material"]}, "page", None, "page", False)
         assert all(isinstance(variant, dict) for variant in variants.values())
+
+
+def test_every_key_of_the_schema_is_explained():
+    """scripts/reference finds a meaning for each on the page of the case file."""
+    command = [sys.executable, str(TESTS.parent / "scripts" / "reference")]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    for row in (
+        "| `spacing` | number > 0 | required |",
+        '### model = "correspondence"',
+        "| `steps` | whole number ≥ 1 | 10 |",
+    ):
+        assert row in run.stdout
+
+
+def test_links_between_pages_lead_somewhere():
+    """Files and headings, as they are called where the pages are read as they stand."""
+    root = TESTS.parent
+    pages = [root / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    pages += [path for path in root.glob("docs/**/*.md")]
+    anchors = {page.resolve(): _anchors(page.read_text()) for page in pages}
+    for page in pages:
+        for target, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)", page.read_text()):
+            path = (page.parent / target).resolve() if target else page.resolve()
+            assert path.exists(), f"{page}: {target}"
+            assert not anchor or anchor in anchors[path], f"{page}: {target}#{anchor}"
+
+
+def _anchors(text):
+    """The names of its headings: small letters, digits, - and _, blanks as -."""
+    titles = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", text, flags=re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
