@@ -33,15 +33,15 @@ PLATE = {
         {"kind": "displacement", "set": "upper", "component": "x", "value": 0.0},
         {"kind": "displacement", "set": "upper", "component": "y", "value": "0.6 * maximum(0, t - X / 30)"},
     ],
-    "solver": {"steps": 15},
+    "solver": {"steps": 8},
 }  # fmt: skip
 
 watch = CrackWatch()
 run = pdpetsc.solve(pdpetsc.load(PLATE), observers=[watch])
-time, opened = run.history("time"), run.field("u", gather=True)[:, 1].max()
+time, X, u = run.history("time"), run.field("position", gather=True), run.field("u", gather=True)
 if run.comm.rank == 0:
     print(*(f"t = {t:.3f}: crack to {tip:.1f}" for t, tip in zip(time, watch.tips)), sep="\n")
     print(f"{run.status} at t = {time[-1]:.3f}")
 assert run.status == "stopped" and time[-1] < 1.0
 assert np.all(np.diff(watch.tips) >= 0) and watch.tips[-1] > FAR
-assert np.isclose(opened, 0.6 * (time[-1] - 0.5 / 30))
+assert np.isclose(u[X[:, 1] > 18, 1].max(), 0.6 * (time[-1] - 0.5 / 30))  # the wedge, at its first particle

@@ -54,9 +54,9 @@ def test_overrides_leave_the_tables_as_they_were():
     case = pdpetsc.load(BAR, {"load.1.value": 2.0, "body.thickness": 3.0})
     assert case.load[1].value.text == "2.0" and case.body.thickness == 3.0 and case.overridden
     assert BAR["load"][1]["value"] == "t" and not pdpetsc.load(BAR).overridden
-    with pytest.raises(InputError, match="override load.7.value: there is no entry '7' to set"):
+    with pytest.raises(InputError, match=r"override load.7.value: there is no entry '7' to set"):
         pdpetsc.load(BAR, {"load.7.value": 1.0})
-    with pytest.raises(InputError, match="case: load.0.kind: must be one of"):
+    with pytest.raises(InputError, match=r"case: load.0.kind: must be one of"):
         pdpetsc.load(BAR, {"load.0.kind": "shove"})
 
 
@@ -75,7 +75,7 @@ def test_classes_of_ones_own_are_known_and_may_be_defined_again():
         for least in (1.0, 2.0):
             define(least)
             assert pdpetsc.load(BAR, changes).load[1].strength == least
-        with pytest.raises(InputError, match="load.1.strength: must be a number"):
+        with pytest.raises(InputError, match=r"load.1.strength: must be a number"):
             pdpetsc.load(BAR, changes | {"load.1.strength": "much"})
     finally:
         del pdpetsc.Load.kinds["shove"]
