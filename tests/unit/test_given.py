@@ -431,7 +431,7 @@ def changed(array: np.ndarray, *place_and_value) -> np.ndarray:
     [
         (changed(UNIT[0], (4, 1), np.nan), "hexahedron", UNIT[1], {}, "point 5 is at (0, nan, 0.5), which is no place"),
         (changed(UNIT[0], (4, 1), 1e200), "hexahedron", UNIT[1], {}, "point 5 is at (0, 1e+200, 0.5), which is no pl"),
-        (changed(UNIT[0], 26, 1e9), "hexahedron", UNIT[1], {}, "cell 8 (hexahedron) has no volume; mend the mesh there"),
+        (changed(UNIT[0], 26, 1e9), "hexahedron", UNIT[1], {}, "cell 8 (hexahedron) has no volume; mend the mesh"),
         (*TETRA[:1], "tetra", TETRA[1], {}, "cell 2 (tetra) has no volume; mend the mesh there"),
         (UNIT[0] * [1, 1, 0], "quad", UNIT[1][:, [0, 0, 1, 1]], {"dimension": 2}, "cell 1 (quad) has no area"),
         (
