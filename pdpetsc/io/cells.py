@@ -13,16 +13,26 @@ HALF = 1e-6
 ALIKE = 0.01
 """Spacings that differ by less than this fraction are drawn as if of one size."""
 
+FULL = 0.05
+"""Part of the particles that are at least in whole cells, where these are those of a lattice."""
+
+OVERLAP = 1.4
+"""Width of the drawn cells of meshes, in spacings."""
+
 
 def cell_sides(position: np.ndarray, spacing: np.ndarray, volume: np.ndarray) -> np.ndarray:
     """Where the sides of each particle's cell are drawn, from the particle: (n, dim, 2).
 
     A cube of the particle's volume, smaller than its spacing in cells that a border cuts. Particles on vertices, known
-    by halves, quarters and eighths of the volume where the body ends, have whole cells that end there.
+    by halves, quarters and eighths of the volume where the body ends, have whole cells that end there. Cells of meshes,
+    of which few are as full as the fullest and which lie at any angle, are drawn larger than their spacing, or there
+    would be gaps.
     """
     dim = position.shape[1]
     share = volume / spacing**dim
     share = share / share.max()
+    if np.mean(share > 1 - HALF) < FULL:
+        share = np.full_like(share, OVERLAP**dim)
     low, high = position.min(axis=0), position.max(axis=0)
     outermost = np.stack([np.abs(position - end) < HALF * spacing[:, None] for end in (low, high)], axis=-1)
     part = 2.0 ** outermost.sum(axis=(1, 2)) * share
