@@ -43,7 +43,7 @@ class Outcome:
     """What came of a run that was killed, went on from its checkpoint, was killed again, and so on.
 
     Attributes:
-        codes: of mpirun, for each kill.
+        codes: of mpirun, for each kill; the chain ends with a run that was quicker.
         seconds: until mpirun and all ranks were gone, likewise.
         steps: of the checkpoints, likewise.
         restarted: exit code of the last restart, which was let alone.
@@ -92,6 +92,8 @@ def killed(directory: Path, ranks: int, others: int, span: float, seed: int, tim
         job = start(ranks, directory, *arguments)
         _wait_for_checkpoint(job, out, before)
         time.sleep(chance.uniform(0, 0.9 * span / times))
+        if job.poll() is not None:  # it was quicker
+            break
         children = Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()
         for child in chance.sample(children, min(1, len(children))):
             os.kill(int(child), signal.SIGKILL)

@@ -40,19 +40,16 @@ SLOW = PLATE | {"load": [PLATE["load"][0], PLATE["load"][1] | {"value": "0.15 * 
 SPLIT = {"refinement": {"where": "damage > 0.1"}}
 WHOLE = {"damage": {}}
 ELASTIC = PLATE | WHOLE
-MODES = {
+MODES = {  # restarts along other paths, of softening bonds and of refined bodies are tested with those
     "load steps": PLATE,
     "arc length": ELASTIC | {"solver": {"steps": 6, "control": "arc_length"}},
-    "failure": PLATE | {"solver": {"steps": 6, "control": "failure", "max_steps": 6}},
     "relaxation": ELASTIC | {"solver": {"steps": 5, "mode": "relaxation"}},
-    "refinement": PLATE | SPLIT,
-    "verlet": SLOW | {"solver": {"mode": "verlet", "end_time": 15.0, "steps": 150}},
     "verlet, refinement": SLOW | SPLIT | {"solver": {"mode": "verlet", "end_time": 15.0, "steps": 150}},
     "generalised alpha": SLOW
     | WHOLE
     | {"solver": {"mode": "generalised_alpha", "end_time": 15.0, "steps": 30, "adaptive": False}},
 }
-SAME = {"verlet": 0.0, "verlet, refinement": 0.0, "relaxation": 0.0, "generalised alpha": 1e-3}
+SAME = {"verlet, refinement": 0.0, "relaxation": 0.0, "generalised alpha": 1e-3}
 """How far restarts may be from runs that go on, relative to the displacements; elsewhere 1e-10, and on one rank 0. The
 generalised-alpha method begins anew, to its order."""
 
@@ -65,20 +62,19 @@ def without_pictures(monkeypatch):
 @pytest.fixture
 def ask(comm, monkeypatch):
     """`ask(number, step)`: the last rank alone sends itself a signal at a step."""
-    row_of, row = driver.Simulation._note, {}
+    note, due = Simulation._note, {}
+
+    def noted(self, row):
+        if row["step"] >= due["step"] and comm.rank == comm.size - 1:
+            due["step"] = np.inf
+            os.kill(os.getpid(), due["number"])
+        note(self, row)
 
     def give(number, step):
-        row["step"] = step
+        due.update(number=number, step=step)
+        monkeypatch.setattr(Simulation, "_note", noted)
 
-        def note(self, values):
-            if values["step"] >= row["step"] and comm.rank == comm.size - 1:
-                row["step"] = np.inf
-                os.kill(os.getpid(), number)
-            row_of(self, values)
-
-        monkeypatch.setattr(Simulation, "_note", note)
-
-    yield give
+    return give
 
 
 @pytest.fixture
@@ -104,7 +100,7 @@ def displacements(directory):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_signal_to_one_rank_stops_all_and_the_restart_is_the_run(comm, run, ask, restart, mode, monkeypatch):
+def test_a_signal_to_one_rank_stops_all_and_the_restart_is_the_run(comm, run, ask, restart, mode):
     through = run(MODES[mode], out="through")
     assert through.code == 0, through.errors
     ask(signal.SIGTERM, 3)
