@@ -1,6 +1,5 @@
 """The particles of a mesh: one in each cell, or one on each vertex, and the facets of its surface."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import meshio
@@ -282,7 +281,7 @@ def _facets(mesh: meshio.Mesh, cells: _Cells, faces: _Faces, points: np.ndarray,
 
 
 def _on_group(
-    mesh: meshio.Mesh, cells: _Cells, faces: _Faces, border: Iterable, source, name: str, group: str
+    mesh: meshio.Mesh, cells: _Cells, faces: _Faces, border: np.ndarray, source, name: str, group: str
 ) -> np.ndarray:
     """Mask of the facets of the border that belong to a group: those that are surface cells of it; without any, those
     whose corners are all points of it; without these, those of its cells."""
