@@ -139,13 +139,13 @@ def main(arguments: list[str]) -> int:
     try:
         return _do(parse(arguments), comm)
     except InputError as error:
-        code, message = 2, error
+        code, message = 2, str(error)
     except ConvergenceError as error:
-        code, message = 3, error
+        code, message = 3, str(error)
     except Interrupted as error:
-        code, message = 5, error
+        code, message = 5, str(error)
     except OutputError as error:
-        code, message = 1, error
+        code, message = 1, str(error)
     if comm.rank == 0:
         print(f"pdpetsc: error: {message}", file=sys.stderr, flush=True)
     return code
