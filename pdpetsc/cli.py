@@ -165,13 +165,13 @@ def main(arguments: list[str]) -> int:
     try:
         code = _do(parse(arguments), comm)
     except InputError as error:
-        code, message = 2, error
+        code, message = 2, str(error)
     except ConvergenceError as error:
-        code, message = 3, error
+        code, message = 3, str(error)
     except Interrupted as error:
-        code, message = 5, error
+        code, message = 5, str(error)
     except OutputError as error:
-        code, message = 1, error
+        code, message = 1, str(error)
     if message and comm.rank == 0:
         _complain(message)
     if message:
@@ -180,7 +180,7 @@ def main(arguments: list[str]) -> int:
     return code
 
 
-def _complain(error: Exception) -> None:
+def _complain(error: Exception | str) -> None:
     print(terminal.painted(f"pdpetsc: error: {error}", "red", sys.stderr), file=sys.stderr, flush=True)
 
 
