@@ -170,8 +170,7 @@ def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:
         _announce(simulation)
     output = simulation.output
     simulation.observers = [
-        ProgressTable(comm, quiet or events.wanted, MOTION if case.solver.in_time else LOAD_STEPS),
-        JsonLines(),
+        JsonLines() if events.wanted else ProgressTable(comm, quiet, MOTION if case.solver.in_time else LOAD_STEPS),
         History(out),
         FieldOutput(out, output.fields, case.written),
         Checkpoint(out, output.checkpoint),
