@@ -1,6 +1,7 @@
 """The command line: what is asked for, and how a run ends."""
 
 import argparse
+import atexit
 import os
 import sys
 from collections.abc import Mapping
@@ -177,6 +178,8 @@ def main(arguments: list[str]) -> int:
     if message:
         events.tell(comm, "error", text=message)
     events.tell(comm, "end", exit_code=code)
+    if colours := sys.modules.get("colorama.initialise"):  # numba's; it would end the output with an escape sequence
+        atexit.unregister(colours.reset_all)
     return code
 
 
