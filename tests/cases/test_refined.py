@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from pdpetsc import cli
-from pdpetsc.io.tables import is_result
 from pdpetsc.io.checkpoint import CHECKPOINT, FORMAT
 from pdpetsc.io.seal import seal
+from pdpetsc.io.tables import is_result
 
 pytestmark = pytest.mark.mpi
 
