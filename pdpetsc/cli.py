@@ -178,7 +178,7 @@ def main(arguments: list[str]) -> int:
     if message:
         events.tell(comm, "error", text=message)
     events.tell(comm, "end", exit_code=code)
-    if colours := sys.modules.get("colorama.initialise"):  # numba's; it would end the output with an escape sequence
+    if colours := sys.modules.get("colorama.initialise"):  # it would end the output with an escape
         atexit.unregister(colours.reset_all)
     return code
 
