@@ -101,13 +101,12 @@ def test_constant_strain_on_irregular_meshes(run_pdpetsc, tmp_path):
     """It is not exact, as on lattices: the error goes down with the size of the cells (docs/geometry.md)."""
     (tmp_path / "patch.toml").write_text(PATCH)
     errors = []
-    for n in (8, 16, 32):
+    for n in (8, 32):
         patch(tmp_path / "patch.vtu", n)
         assert run_pdpetsc(None, "patch.toml", "--out", f"out{n}", "--quiet").returncode == 0
         errors.append(summary_of(tmp_path / f"out{n}")["probes"]["error"])
-    rates = np.log2(np.divide(errors[:-1], errors[1:]))
     assert errors[0] < 0.05
-    assert (rates > 0.6).all()
+    assert errors[1] < errors[0] / 3
 
 
 def test_restart_on_other_ranks_of_a_meshed_body_that_breaks(run_pdpetsc, tmp_path):
@@ -127,9 +126,9 @@ def test_restart_on_other_ranks_of_a_meshed_body_that_breaks(run_pdpetsc, tmp_pa
     assert "already come to its end" in again.stderr
 
 
-@pytest.mark.parametrize("variant", ["", ":quads", ":vertices"])
+@pytest.mark.parametrize("variant", ["", ":vertices"])
 def test_sheet_with_a_hole(run_pdpetsc, variant):
-    """The stress concentration and the ligament on triangles, quadrilaterals and vertices."""
+    """The stress concentration and the ligament, on triangles and on their vertices."""
     run = run_pdpetsc(2 if variant else None, f"sheet_hole{variant}", "--out", "out")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "MISSED" not in run.stdout
