@@ -11,13 +11,19 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from pdpetsc.errors import InputError
+from pdpetsc.errors import InputError, plain
 from pdpetsc.expressions import hint
 from pdpetsc.schema.messages import explain, place_expressions
 from pdpetsc.schema.tables import Description
 from pdpetsc.schema.values import setting_of
 
 BUNDLED = Path(__file__).parent / "cases"
+
+LARGEST, DEEPEST = 2**18, 20
+"""Bytes and levels of nesting of a case file."""
+
+ENDLESS = re.compile(r"""(?<![\w"'.-])(?:(?:[\w-]++|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){40}""")
+"""A key of so many parts that tomllib would take minutes."""
 
 
 class Case(Description):
@@ -44,6 +50,7 @@ class Case(Description):
         Raises:
             InputError: The first mistake, with file and key path, and how many more there are.
         """
+        _check_plain(document, path)
         try:
             description = Description.model_validate(document, context=setting_of(document))
         except ValidationError as error:
@@ -90,20 +97,33 @@ def load(argument: str, overrides: tuple[str, ...] | list[str] = ()) -> Case:
         names = list(bundled())
         choices = f"bundled cases: {', '.join(names)}; a case of your own is a path that ends in .toml"
         raise InputError(f"there is no case {word!r}{hint(word, names)}; {choices}")
-    document = _with_variant(_read(path), variant, _shown(path))
+    if not path.stem.strip("."):
+        raise InputError(f"{_shown(path)}: results are called like the case, and this is no name; rename the file")
+    document = _read(path)
+    _check_plain(document, _shown(path))
+    document = _with_variant(document, variant, _shown(path))
     for override in overrides:
         _override(document, override)
-    document = _with_paths(document, path.parent)
+    _check_plain(document, _shown(path))
+    try:
+        document = _with_paths(document, path.parent)
+    except (OSError, RuntimeError) as error:  # links that go round in a circle
+        raise InputError(f"{_shown(path)}: the path of a mesh cannot be followed ({error})") from None
     return Case.from_document(document, path.stem, variant, _shown(path), bool(overrides))
 
 
 def _shown(path: Path) -> str:
-    return path.name if path.parent == BUNDLED else str(path)
+    return plain(path.name if path.parent == BUNDLED else str(path))
 
 
 def _read(path: Path) -> dict:
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        text = content.decode("utf-8-sig")
+        if len(content) <= LARGEST and not ENDLESS.search(text):
+            return tomllib.loads(text)
+        reason = f"is no case file: it has more than {LARGEST} bytes, or a key of more than 40 parts"
     except FileNotFoundError:
         reason = "there is no such file"
     except OSError as error:
@@ -115,6 +135,24 @@ def _read(path: Path) -> dict:
     except ValueError as error:
         reason = f"is not valid TOML: {error}"
     raise InputError(f"{_shown(path)}: {reason}")
+
+
+def _check_plain(document: Any, place: str) -> None:
+    """Dotted keys nest without end, and whoever follows them in turn would run out of stack; a null character ends
+    texts for the system and for PETSc."""
+    level = [document]
+    for _ in range(DEEPEST):
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, dict | list)
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+        ]
+        if any("\0" in text for text in level if isinstance(text, str)):
+            raise InputError(f"{place}: holds a null character")
+        if not level:
+            return
+    raise InputError(f"{place}: is nested too deeply")
 
 
 def _with_variant(document: dict, variant: str | None, place: str) -> dict:

@@ -10,8 +10,8 @@ from petsc4py import PETSc
 from pdpetsc import __version__
 from pdpetsc.case import Case, load
 from pdpetsc.census import QUICK
-from pdpetsc.errors import ConvergenceError, InputError
-from pdpetsc.io import tables
+from pdpetsc.errors import ConvergenceError, InputError, NoRoom
+from pdpetsc.io import tables, trust
 from pdpetsc.io.checkpoint import CHECKPOINT, read_description
 from pdpetsc.io.plot import animate_result, plot_curve, plot_result
 from pdpetsc.memory import available_memory, memory_per_rank
@@ -53,6 +53,11 @@ def restart(directory: Path, quiet: bool = False) -> int:
     comm = PETSc.COMM_WORLD
     directory = directory.parent if directory.name == CHECKPOINT else directory
     with collective(comm.tompi4py()):
+        if comm.rank == 0:
+            trust.check_no_links(directory)
+            trust.check_checkpoint(directory)
+            trust.check_fields(directory, whole=False)
+    with collective(comm.tompi4py()):
         case = Case.from_document(**read_description(directory)["case"])
     simulation = Simulation(case, comm, _blocks_that_fit(case, comm.tompi4py()), directory)
     if simulation.ended:
@@ -74,7 +79,9 @@ def plot(directory: Path, field: str | None, animate: bool) -> int:
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
         if comm.rank == 0:
+            trust.check_no_links(directory)
             summary = tables.read_summary(directory)
+            trust.check_fields(directory, whole=True)
             field = field or load(str(directory / "case.toml")).output.picture
             draw = animate_result if animate else plot_result
             say(comm, f"{draw(directory, summary, field, field)}")
@@ -113,11 +120,16 @@ def _blocks_that_fit(case: Case, comm) -> float | None:
     Raises:
         InputError: on all ranks, where the case cannot fit into memory or integers.
     """
-    available = memory_per_rank(comm)
-    try:
-        prediction = predict(case, comm.size, QUICK)
-    except InputError:
-        return None  # on all ranks alike; building the body says what is wrong
+    available, prediction = memory_per_rank(comm), None
+    with collective(comm):
+        try:
+            prediction = predict(case, comm.size, QUICK)
+        except NoRoom:
+            raise
+        except InputError:
+            pass  # on all ranks alike; building the body says what is wrong
+    if prediction is None:
+        return None
     with collective(comm):
         try:
             check_fits(prediction, available)
@@ -143,7 +155,7 @@ def _replace(out: Path, case: Case) -> None:
         out.mkdir(parents=True)
         tables.write_case(out, case.document, f"{__version__}, {case.path}")
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+        raise InputError(f"--out {out}: cannot be written ({error.strerror or error})") from None
 
 
 def _finish(simulation: Simulation, out: Path, quiet: bool) -> int:

@@ -13,7 +13,7 @@ LONGEST = 350  # lines of a room
 
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
-    ("errors", "expressions", "quantities", "timings", "parallel", "options", "memory"),
+    ("errors", "apart", "expressions", "quantities", "timings", "parallel", "options", "memory"),
     (
         "body",
         "particles",

@@ -105,7 +105,7 @@ def read_frame(file: h5py.File, step: str, field: str) -> Frame:
         InputError: the field was not written.
     """
     group = file[step]
-    if field not in group:
+    if field not in QUANTITIES or field not in group:
         raise InputError(
             f"--field {field}: was not written; there is {', '.join(sorted(group))}, and output.fields asks for more"
         )
@@ -116,7 +116,10 @@ def read_frame(file: h5py.File, step: str, field: str) -> Frame:
 
 
 def _time(summary: dict, step: str) -> float:
-    return next(row["time"] for row in summary["steps"] if row["step"] == int(step))
+    times = [row["time"] for row in summary["steps"] if row["step"] == int(step)]
+    if not times:
+        raise InputError(f"{HDF5}: holds the step {int(step)}, which summary.json does not know")
+    return times[0]
 
 
 def _range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:

@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 
 from pdpetsc.errors import InputError
+from pdpetsc.io import kept
 from pdpetsc.quantities import AXES, QUANTITIES
 
 MARK = "# pdpetsc "
@@ -85,6 +86,8 @@ def read_summary(directory: Path) -> dict:
         InputError: there is none.
     """
     try:
-        return json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        summary = kept.parsed((directory / "summary.json").read_text(encoding="utf-8"))
+        kept.check_summary(summary)
+        return summary
     except (OSError, ValueError) as error:
         raise InputError(f"{directory}: holds no result of a run that has ended ({error})") from None

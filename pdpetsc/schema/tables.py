@@ -19,6 +19,7 @@ from pdpetsc.schema.crack import Crack
 from pdpetsc.schema.damage import DamageTable, Fraction
 from pdpetsc.schema.loads import AnyLoad
 from pdpetsc.schema.materials import MaterialTable
+from pdpetsc.schema.options import harmless, option_name, option_value
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.refinement import Refinement
 from pdpetsc.schema.table import Table, error_at, exactly_one
@@ -28,18 +29,18 @@ from pdpetsc.schema.values import (
     Count,
     FieldName,
     Horizon,
+    Label,
     LayerWidth,
     Name,
     Positive,
     SetName,
+    Title,
     Vector,
     formula,
     known_face,
     layer_width,
     new_set,
     new_surface,
-    option_name,
-    option_value,
     zeros_if_missing,
 )
 
@@ -47,9 +48,9 @@ from pdpetsc.schema.values import (
 class Units(Table):
     """Labels for pictures; all numbers of a case are in one consistent set of units."""
 
-    length: str = "m"
-    force: str = "N"
-    time: str = "s"
+    length: Label = "m"
+    force: Label = "N"
+    time: Label = "s"
 
 
 class Zone(Table):
@@ -295,7 +296,7 @@ class Description(Table):
 
     used_before = ("variant",)
 
-    title: str = ""
+    title: Title = ""
     units: Units = Units()
     body: Body
     sets: dict[Annotated[Name, AfterValidator(new_set)], ParticleSet] = {}
@@ -309,7 +310,10 @@ class Description(Table):
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
-    petsc: dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]] = {}
+    petsc: Annotated[
+        dict[Annotated[str, AfterValidator(option_name)], Annotated[Any, PlainValidator(option_value)]],
+        AfterValidator(harmless),
+    ] = {}
 
     @property
     def written(self) -> tuple[str, ...]:
