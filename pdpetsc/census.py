@@ -189,7 +189,7 @@ class _Survey:
     def view(self, place: tuple[np.ndarray, np.ndarray], horizons: int = 1) -> _View:
         """The particles in all cells as far as so many of the largest horizons from a place."""
         lattice, (cell, position) = self._lattice, place
-        reach = np.ceil(horizons * self._reach / lattice.cell + 1).astype(np.int64)
+        reach = np.minimum(np.ceil(horizons * self._reach / lattice.cell + 1), lattice.counts).astype(np.int64)
         low = np.maximum(cell - reach, lattice.first)
         high = np.minimum(cell + reach, lattice.first + lattice.counts - 1)
         check_room("body.horizon", "particles round one", float(np.prod(high - low + 1.0)), VIEWED)

@@ -516,7 +516,7 @@ def changed_hdf5(content: bytes, chance: random.Random) -> bytes:
     """A file with a dataset taken away, of another shape or type, compressed, elsewhere, or with other values."""
     path = FOLDER / "changed.h5"
     path.write_bytes(content)
-    with h5py.File(path, "a") as file, suppress(OSError, MemoryError, ValueError):  # of links and bombs in it
+    with h5py.File(path, "a") as file, suppress(Exception):  # of links and bombs in it
         for _ in range(chance.choice((1, 1, 2))):
             name, kind = chance.choice(NAMES), chance.randrange(10)
             old = file.get(name)
@@ -619,7 +619,7 @@ def read_summary(content: bytes) -> None:
 READERS = {
     "case": Reader(read_case, cases),
     "prediction": Reader(read_and_predict, cases, seconds=20.0),
-    "expression": Reader(read_expression, formulas, seconds=2.0),
+    "expression": Reader(read_expression, formulas),
     "mesh": Reader(read_crack, mesh_files, apart=True),
     "checkpoint": Reader(read_hdf5("checkpoint"), hdf5_files("checkpoint"), apart=True, refusals=(hdf5_check.Damaged,)),
     "fields": Reader(read_hdf5("fields"), hdf5_files("fields"), apart=True, refusals=(hdf5_check.Damaged,)),

@@ -8,8 +8,8 @@ from fuzzing import DATA, READERS, forget
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-EXAMPLES = {"prediction": 60, "mesh": 250, "checkpoint": 150, "fields": 150}
-"""Where fewer than 400 will do, for the time that they take."""
+EXAMPLES = {"prediction": 30, "mesh": 150, "checkpoint": 100, "fields": 100}
+"""Where fewer than 200 will do, for the time that they take."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -21,7 +21,7 @@ def no_files_are_left():
 @pytest.mark.parametrize("name", READERS)
 def test_it_is_read_or_refused(name):
     @settings(
-        max_examples=EXAMPLES.get(name, 400), derandomize=True, deadline=None, database=None,
+        max_examples=EXAMPLES.get(name, 200), derandomize=True, deadline=None, database=None,
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
     @given(READERS[name].inputs())
@@ -33,7 +33,7 @@ def test_it_is_read_or_refused(name):
 
 @pytest.mark.parametrize("name", READERS)
 def test_any_bytes_are_refused_or_read(name):
-    @settings(max_examples=50, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=25, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
     @given(st.binary(max_size=200))
     def run(content):
         READERS[name].outcome(content)
