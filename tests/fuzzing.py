@@ -580,7 +580,7 @@ def changed_json(data, chance: random.Random) -> bytes:
         if chance.random() < 0.3:
             del inner[last]
         else:
-            inner[last] = chance.choice([*NASTY, None])
+            inner[last] = nasty(chance)
     text = json.dumps(data).encode()
     return mutated(text, chance, text=True) if chance.random() < 0.3 else text
 
