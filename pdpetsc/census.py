@@ -5,7 +5,7 @@ holes, layers, finer cells and the horizons of materials, as far as two horizons
 file all particles are counted and a sample of them likewise. Nothing is communicated: one rank counts for all.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -147,6 +147,8 @@ class _View(NamedTuple):
 
 class _Survey:
     """A body that is looked at in places: `count`, `sample` and `around` say what is there."""
+
+    around: Callable[..., Points]
 
     def __init__(self, case: Case):
         self._case = case

@@ -1,6 +1,7 @@
 """The command line: what is asked for, and how a run ends."""
 
 import argparse
+import atexit
 import os
 import sys
 from collections.abc import Mapping
@@ -165,22 +166,24 @@ def main(arguments: list[str]) -> int:
     try:
         code = _do(parse(arguments), comm)
     except InputError as error:
-        code, message = 2, error
+        code, message = 2, str(error)
     except ConvergenceError as error:
-        code, message = 3, error
+        code, message = 3, str(error)
     except Interrupted as error:
-        code, message = 5, error
+        code, message = 5, str(error)
     except OutputError as error:
-        code, message = 1, error
+        code, message = 1, str(error)
     if message and comm.rank == 0:
         _complain(message)
     if message:
         events.tell(comm, "error", text=message)
     events.tell(comm, "end", exit_code=code)
+    if colours := sys.modules.get("colorama.initialise"):  # it would end the output with an escape
+        atexit.unregister(colours.reset_all)
     return code
 
 
-def _complain(error: Exception) -> None:
+def _complain(error: Exception | str) -> None:
     print(terminal.painted(f"pdpetsc: error: {error}", "red", sys.stderr), file=sys.stderr, flush=True)
 
 

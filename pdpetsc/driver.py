@@ -183,9 +183,10 @@ def _finish(simulation: Run, out: Path | None, observers: Iterable[Observer], qu
     comm, case = simulation.comm, simulation.case
     if not quiet:
         _announce(simulation)
-    progress = ProgressTable(comm, quiet or events.wanted, MOTION if case.solver.in_time else LOAD_STEPS)
+    table = MOTION if case.solver.in_time else LOAD_STEPS
+    shown = JsonLines() if events.wanted else ProgressTable(comm, quiet, table)
     writers = _writers(simulation, out) if out else []
-    simulation.observers = [progress, JsonLines(), *writers, *observers]
+    simulation.observers = [shown, *writers, *observers]
     failure = None
     try:
         simulation.solve()

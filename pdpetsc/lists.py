@@ -165,7 +165,7 @@ def influence() -> Iterator[Row]:
     yield "EXPRESSION", 'any expression of r that is not negative, as "(1 - r)**2"'
 
 
-def _kinds(tables: dict[str, type], base: type, meanings: dict[str, str]) -> Iterator[Row]:
+def _kinds(tables: dict[str, Any], base: Any, meanings: dict[str, str]) -> Iterator[Row]:
     """Rows of tables of one kind, with the keys of their own; those that all have come last."""
     common = {*base.model_fields}
     for name, kind in sorted(tables.items()):
@@ -174,7 +174,7 @@ def _kinds(tables: dict[str, type], base: type, meanings: dict[str, str]) -> Ite
     yield "all", f"keys: {_keys(base, {'model', 'criterion'})}"
 
 
-def _keys(kind: type, without: set[str]) -> str:
+def _keys(kind: Any, without: set[str]) -> str:
     """The keys of a table with their defaults and choices; those without a default are required."""
     fields = kind.model_fields.items()
     return ", ".join(_key(name, field) for name, field in fields if name not in without)

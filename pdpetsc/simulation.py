@@ -199,7 +199,7 @@ class Simulation:
         try:
             status = "separated" if self.separated else self._solve()  # separated: in an earlier run
         except (ConvergenceError, InputError, Interrupted) as error:  # met by all ranks alike, so they finish together
-            status, failure = "interrupted", error
+            status, failure = "interrupted", None if isinstance(error, Interrupted) else error
             if self.fracture and self.case.solver.in_time:  # what has broken since the last committed step
                 self.fracture.roll_back(self.state.u)
             if self.rows:
@@ -210,8 +210,8 @@ class Simulation:
             try:
                 observer.finish(self)
             except OutputError as error:  # the others may have more luck
-                self.unwritten = self.unwritten or error
-        if failure and not isinstance(failure, Interrupted):
+                self.unwritten = self.unwritten or error.with_traceback(None)
+        if failure:
             raise failure
         return status
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,8 @@ def _critical_stretch(case: Case, known: Known, name: str) -> float | None:
     if keys.criterion != "critical_stretch" or material is None:
         return None
     try:
-        return float(Criterion.criteria[keys.criterion].from_case(keys, material).critical.max())
+        criterion: Any = Criterion.criteria[keys.criterion].from_case(keys, material)
+        return float(criterion.critical.max())
     except InputError:
         return None  # the run says so
 

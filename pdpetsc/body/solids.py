@@ -1,6 +1,5 @@
 """The particles of a mesh: one in each cell, or one on each vertex, and the facets of its surface."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import meshio
@@ -78,8 +77,8 @@ def particles_of_mesh(source) -> Given:
     `particles = "cells"`: in the middle of each cell, with its volume. The spacing is (mean volume)^(1/dim), the mean
     over the corners of the means over the cells that share them, so that it varies slowly.
     `particles = "vertices"`: on each vertex that a cell has, with equal shares of the volumes of its cells; the spacing
-    is that of a lattice of as many vertices as these cells would have inside of a body: (mean of f V)^(1/dim) over its
-    cells, of which f fill a cube (body/cells.py).
+    is that of a lattice of as many vertices as these cells would have inside of a body: f V, f of the cells filling a
+    cube (body/cells.py), takes the place of V, and its mean over the cells that share the vertex is taken once more.
 
     Args:
         source: what is asked of the file (body/given.py).
@@ -101,19 +100,27 @@ def particles_of_mesh(source) -> Given:
     faces = _faces(mesh, cells, points, path) if source.facets or source.sets else None
     member = [_members(mesh, cells, faces, len(points), source, *named) for named in source.sets]
     facets = _facets(mesh, cells, faces, points, source) if source.facets else None
+    on_corners = np.bincount(cell, minlength=len(cells.volume))
+
+    def at_points(values):
+        """Mean over the cells that share each point."""
+        return np.bincount(point, values[cell], len(points)) / np.maximum(used, 1)
+
+    def smoothed(values):
+        """Mean over the corners of each cell of these means."""
+        return np.bincount(cell, at_points(values)[point], len(cells.volume)) / on_corners
+
     if source.particles == "cells":
-        around = np.bincount(point, cells.volume[cell], len(points)) / np.maximum(used, 1)
-        corners = np.bincount(cell, minlength=len(cells.volume))
-        mean = np.bincount(cell, around[point], len(cells.volume)) / corners
-        member = np.array([of_cells for of_cells, _ in member], bool).reshape(len(member), len(mean)).T
-        return Given(cells.number, cells.middle, cells.volume * thickness, mean ** (1 / dim), None, member, facets)
+        spacing = smoothed(cells.volume) ** (1 / dim)
+        member = np.array([of_cells for of_cells, _ in member], bool).reshape(len(member), len(spacing)).T
+        return Given(cells.number, cells.middle, cells.volume * thickness, spacing, None, member, facets)
     share, full = np.empty_like(cells.volume), np.empty_like(cells.volume)
     for name, rows, corners in cells.parts:
         share[rows] = cells.volume[rows] / corners.shape[1]
         full[rows] = cells.volume[rows] * KINDS[name].filling
     there = np.flatnonzero(used)
     volume = np.bincount(point, share[cell], len(points))[there]
-    spacing = (np.bincount(point, full[cell], len(points))[there] / used[there]) ** (1 / dim)
+    spacing = at_points(smoothed(full))[there] ** (1 / dim)
     member = np.array([of_points[there] for _, of_points in member], bool).reshape(len(member), len(there)).T
     return Given(there + 1, points[there], volume * thickness, spacing, None, member, facets)
 
@@ -279,7 +286,7 @@ def _facets(mesh: meshio.Mesh, cells: _Cells, faces: _Faces, points: np.ndarray,
 
 
 def _on_group(
-    mesh: meshio.Mesh, cells: _Cells, faces: _Faces, border: Iterable, source, name: str, group: str
+    mesh: meshio.Mesh, cells: _Cells, faces: _Faces, border: np.ndarray, source, name: str, group: str
 ) -> np.ndarray:
     """Mask of the facets of the border that belong to a group: those that are surface cells of it; without any, those
     whose corners are all points of it; without these, those of its cells."""

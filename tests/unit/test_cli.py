@@ -1,5 +1,7 @@
 """The command line: what it asks for, what it refuses, and the exit codes."""
 
+import io
+import json
 import re
 import subprocess
 import sys
@@ -10,7 +12,7 @@ import conftest
 import pytest
 
 import pdpetsc
-from pdpetsc import __main__, catalogue, cli
+from pdpetsc import __main__, catalogue, cli, terminal
 from pdpetsc.commands import COMMANDS, OPTIONS
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io.view import Section, View
@@ -283,3 +285,36 @@ def test_bad_input_on_several_ranks(run_pdpetsc):
     assert run.returncode == 2
     assert run.stderr.count("pdpetsc: error: no.toml: there is no such file") == 1
     assert "Traceback" not in run.stderr and "MPI_ABORT" not in run.stderr
+
+
+@pytest.mark.parametrize(("change", "code"), [("solver.steps=2", 0), ("body.spacing=-1", 2)])
+def test_json_lines(change, code, run_pdpetsc):
+    """Each line of standard output is an event, on several ranks too, and the last one tells the exit code."""
+    run = run_pdpetsc(2, "clamped_beam", "--set", change, "--json-lines", "--out", "it", "-nobody", "1")
+    events = [json.loads(text) for text in run.stdout.splitlines()]
+    names = [event["event"] for event in events]
+    assert run.returncode == code and events[-1] == {"event": "end", "exit_code": code}
+    if code:
+        assert names == ["error", "end"] and run.stderr.count("pdpetsc: error: ") == 1
+        return
+    assert [name for name in names if name != "warning"] == ["start", "step", "step", "result", "end"]
+    start, first, result = (events[names.index(name)] for name in ("start", "step", "result"))
+    assert (start["particles"], start["ranks"], first["step"], first["time"]) == (456, 2, 1, 0.5)
+    assert (result["status"], result["results"]) == ("converged", "it")
+    assert any("-nobody" in event["text"] for event in events if event["event"] == "warning")
+
+
+def test_colours_are_for_terminals_without_other_ranks(monkeypatch):
+    class Screen(io.StringIO):
+        def isatty(self):
+            return True
+
+    for name in (*terminal.LAUNCHERS, "NO_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert terminal.painted("x", "red", Screen()) == "\033[31mx\033[0m"
+    assert terminal.painted("x", "red", io.StringIO()) == "x"
+    for name, value in (("NO_COLOR", "1"), ("TERM", "dumb"), ("OMPI_COMM_WORLD_SIZE", "1")):
+        with monkeypatch.context() as changed:
+            changed.setenv(name, value)
+            assert terminal.painted("x", "red", Screen()) == "x"

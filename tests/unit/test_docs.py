@@ -90,7 +90,8 @@ def test_snippets_of_the_case_file_page_are_valid():
     for part in [whole, *parts]:
         given = tomllib.loads(part) if "[" in part.split("=")[0] or "units" in part else {"body": tomllib.loads(part)}
         document = {key: value for key, value in setting.items() if key not in given} | given
-        document["body"] = setting["body"] | document["body"]
+        if "mesh" not in document["body"]:
+            document["body"] = setting["body"] | document["body"]
         names = set(re.findall(r'(?:set|where|near) = "(\w+)"', part)) - {"all"}
         document["sets"] = dict.fromkeys(names | {"clamp", "end"}, "X < 1") | document.get("sets", {})
         variants = document.pop("variant", {})
