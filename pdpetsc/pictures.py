@@ -11,7 +11,7 @@ from pdpetsc.io.curves import plot_convergence, plot_curve
 from pdpetsc.io.fields import HDF5
 from pdpetsc.io.plot import animate_result, plot_result
 from pdpetsc.io.report import write_report
-from pdpetsc.io.trust import check_fields, check_no_links
+from pdpetsc.io.trust import believed, check_fields, check_no_links
 from pdpetsc.io.view import View
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.units import labels_of_history
@@ -52,18 +52,22 @@ def plot(
     with collective(comm.tompi4py()):
         if comm.rank == 0:
             check_no_links(directory)
-            summary = tables.read_summary(directory)
-            title = summary["title"] or summary["case"]
-            if convergence:
-                path = plot_convergence(directory, title, summary["steps"])
-            elif curve is not None:
-                path = _plot_curve(directory, title, summary, curve)
-            else:
-                check_fields(directory / HDF5)
-                view = view._replace(field=view.field or load(str(directory / "case.toml")).output.picture)
-                path = (animate_result if animate else plot_result)(directory, summary, view, view.name)
+            with believed(directory):
+                path = _plotted(directory, view, animate, curve, convergence)
             say(comm, f"{path}")
     return 0
+
+
+def _plotted(directory: Path, view: View, animate: bool, curve: list[str] | None, convergence: bool) -> Path:
+    summary = tables.read_summary(directory)
+    title = summary["title"] or summary["case"]
+    if convergence:
+        return plot_convergence(directory, title, summary["steps"])
+    if curve is not None:
+        return _plot_curve(directory, title, summary, curve)
+    check_fields(directory / HDF5)
+    view = view._replace(field=view.field or load(str(directory / "case.toml")).output.picture)
+    return (animate_result if animate else plot_result)(directory, summary, view, view.name)
 
 
 def _plot_curve(directory: Path, title: str, summary: dict, axes: list[str]) -> Path:

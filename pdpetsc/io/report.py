@@ -14,6 +14,7 @@ from pdpetsc.io.curves import convergence, curve
 from pdpetsc.io.frames import open_fields
 from pdpetsc.io.plot import picture
 from pdpetsc.io.tables import in_time, read_case, read_history, read_summary, whole
+from pdpetsc.io.trust import believed
 from pdpetsc.io.view import View
 from pdpetsc.quantities import QUANTITIES, label
 
@@ -70,10 +71,8 @@ def write_report(directory: Path, unreadable: str = "") -> Path:
     page = Environment(loader=PackageLoader("pdpetsc.io", "."), autoescape=True, undefined=StrictUndefined)
     page.filters["number"] = number
     template = page.get_template("report.html")
-    try:
+    with believed(directory, TemplateError):
         text = template.render(contents(directory, document, _summary(directory, document, unreadable), unreadable))
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, TemplateError) as error:
-        raise InputError(f"{directory}: case.toml, history.csv or summary.json is damaged ({error})") from None
     path = directory / "report.html"
     with whole(path) as file:
         file.write(text)

@@ -1,5 +1,6 @@
 """What is looked at before a result directory is believed: it may come from a stranger, or be damaged."""
 
+from contextlib import contextmanager
 from pathlib import Path
 
 from pdpetsc.apart import read_apart
@@ -38,3 +39,20 @@ def check_fields(path: Path) -> None:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file, and pictures are made of it")
     read_apart(Path(hdf5_check.__file__), path, "fields")
+
+
+@contextmanager
+def believed(directory: Path, *more: type[Exception]):
+    """A block that takes case.toml, history.csv and summary.json for what we write: what it trips over is an error of
+    theirs.
+
+    Args:
+        more: exceptions, beside those of Python, that say so.
+
+    Raises:
+        InputError: there is one.
+    """
+    try:
+        yield
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, *more) as error:
+        raise InputError(f"{directory}: case.toml, history.csv or summary.json is damaged ({error})") from None

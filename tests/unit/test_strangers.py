@@ -11,7 +11,7 @@ import pytest
 from conftest import environment_for_mpirun
 from fuzzing import SUMMARY, write_checkpoint, write_fields
 
-from pdpetsc import apart, case, catalogue
+from pdpetsc import apart, case, catalogue, pictures
 from pdpetsc.body import meshfile
 from pdpetsc.body.meshes import surface_of_mesh
 from pdpetsc.errors import InputError
@@ -19,6 +19,7 @@ from pdpetsc.io import hdf5_check, kept, tables, trust
 from pdpetsc.io.checkpoint import CHECKPOINT
 from pdpetsc.io.fields import HDF5
 from pdpetsc.io.report import write_report
+from pdpetsc.io.view import View
 
 BAR = catalogue.bundled()["bar_tension"].read_text()
 
@@ -259,6 +260,17 @@ def test_reports_of_damaged_results_are_made_or_refused(tmp_path, change):
         write_report(directory, "not here")
     except InputError as error:
         assert str(directory) in str(error)
+
+
+def test_curves_and_pictures_of_damaged_results_are_refused(tmp_path):
+    directory = result(tmp_path)
+    (directory / "history.csv").write_text("step,time\n1,0.5\n")
+    (directory / "case.toml").write_text("output = 3\n")
+    assert "case.toml, history.csv or summary.json is damaged" in refusal(pictures.plot, directory, View("u"), curve=[])
+    (directory / "broken_bonds.csv").write_text("step\nx\n")
+    assert "broken_bonds.csv: is damaged" in refusal(pictures.plot, directory, View("u"))
+    (directory / "fields.h5").write_bytes(b"nothing")
+    assert "fields.h5: is damaged" in refusal(pictures.plot, directory, View("u"))
 
 
 # Meshes
