@@ -18,6 +18,7 @@ from pdpetsc.schema.extended import description
 from pdpetsc.schema.messages import explain, place_expressions
 from pdpetsc.schema.tables import Description
 from pdpetsc.schema.values import setting_of
+from pdpetsc.toml import check_plain
 
 IN_MEMORY = "case"
 """What a case that comes from no file is called."""
@@ -47,6 +48,7 @@ class Case(Description):
         Raises:
             InputError: The first mistake, with file and key path, and how many more there are.
         """
+        check_plain(document, path)
         try:
             case = description().model_validate(document, context=setting_of(document))
         except ValidationError as error:
@@ -77,6 +79,7 @@ def load(argument: str | Path | Mapping, overrides: Sequence[str] | Mapping[str,
     else:
         path, variant = find(str(argument))
         document = read(path)
+    check_plain(document, shown(path))
     document = _with_variant(document, variant, shown(path))
     for override in overrides:
         if isinstance(overrides, Mapping):
@@ -86,7 +89,11 @@ def load(argument: str | Path | Mapping, overrides: Sequence[str] | Mapping[str,
             if not equals or not key.strip():
                 raise InputError(f"--set {override}: must be key=value, for example body.spacing=0.01")
             _override(document, key, _toml_value(text), f"--set {override}")
-    document = _with_paths(document, path.parent)
+    check_plain(document, shown(path))
+    try:
+        document = _with_paths(document, path.parent)
+    except (OSError, RuntimeError) as error:  # links that go round in a circle
+        raise InputError(f"{shown(path)}: the path of a file cannot be followed ({error})") from None
     return Case.from_document(document, path.stem, variant, shown(path), bool(overrides))
 
 

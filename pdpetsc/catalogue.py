@@ -4,10 +4,10 @@ Nothing heavy is imported here: it serves the command line before PETSc, MPI or 
 """
 
 import re
-import tomllib
 from pathlib import Path
 
-from pdpetsc.errors import InputError
+from pdpetsc.errors import InputError, plain
+from pdpetsc.toml import read_toml
 
 BUNDLED = Path(__file__).parent / "cases"
 
@@ -34,7 +34,7 @@ def find(argument: str) -> tuple[Path, str | None]:
         argument: A path that ends in .toml or the name of a bundled case, with :VARIANT for a variant.
 
     Raises:
-        InputError: There is no such case.
+        InputError: There is no such case, or results cannot be called like it.
     """
     word, variant = re.fullmatch(r"(.*\.toml|.*?)(?::([^:/]*))?", argument, re.DOTALL).groups()
     path = Path(word) if word.endswith(".toml") else bundled().get(word)
@@ -44,12 +44,14 @@ def find(argument: str) -> tuple[Path, str | None]:
         names = list(bundled())
         choices = f"bundled cases: {', '.join(names)}; a case of your own is a path that ends in .toml"
         raise InputError(f"there is no case {word!r}{hint(word, names)}; {choices}")
+    if not path.stem.strip("."):
+        raise InputError(f"{shown(path)}: results are called like the case, and this is no name; rename the file")
     return path, variant
 
 
 def shown(path: Path) -> str:
     """Return a file as messages name it."""
-    return path.name if path.parent == BUNDLED else str(path)
+    return plain(path.name if path.parent == BUNDLED else str(path))
 
 
 def read(path: Path) -> dict:
@@ -59,15 +61,11 @@ def read(path: Path) -> dict:
         InputError: It is not there, or no TOML.
     """
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        return read_toml(path)
     except FileNotFoundError:
         reason = "there is no such file"
     except OSError as error:
         reason = f"cannot be read: {error.strerror.lower()}"
-    except UnicodeDecodeError:
-        reason = "is not UTF-8 text"
-    except RecursionError:
-        reason = "is not valid TOML: nested too deeply"
     except ValueError as error:
-        reason = f"is not valid TOML: {error}"
+        reason = str(error)
     raise InputError(f"{shown(path)}: {reason}")

@@ -23,6 +23,7 @@ from pdpetsc.compact import REACH
 from pdpetsc.errors import InputError, at
 from pdpetsc.influence import bond_weights, influence_function
 from pdpetsc.materials.base import Material, Neighbourhood
+from pdpetsc.memory import check_room
 from pdpetsc.particles import Points
 
 
@@ -43,6 +44,12 @@ QUICK = Effort(10**5, 64, 1e8, True)
 
 FEWEST = 24
 """Rows that are always counted."""
+
+VIEWED = 400
+"""Bytes of a particle that is looked at."""
+
+MOST_PAIRS = 1e9
+"""Above which the families round a particle are not found but taken to reach as far as they can."""
 
 GOLDEN = (5**0.5 - 1) / 2
 
@@ -128,6 +135,8 @@ class _View(NamedTuple):
         """Blocks in its row of the tangent: its own family, the particles in whose families it is, and the members of
         those whose material couples them. Reaches two horizons."""
         p, seen = self.points, self.family | self.dual
+        if (1.0 + self.size) * len(seen) > MOST_PAIRS:  # as many as there can be
+            return int((self.distance <= 2 * p.horizon.max() * (1 + tolerance)).sum())
         couples = np.isin(self.names, coupling) & self.dual
         order = np.argsort(~couples, kind="stable")
         families = find_families(p.position[order], p.horizon[order], order, int(couples.sum()), tolerance)
@@ -258,9 +267,10 @@ class _LatticeSurvey(_Survey):
     def around(self, place: tuple[np.ndarray, np.ndarray], horizons: int) -> Points:
         """The particles in all cells as far as so many of the largest horizons from a place."""
         lattice, (cell, _) = self._lattice, place
-        reach = np.ceil(horizons * self._reach / lattice.cell + 1).astype(np.int64)
+        reach = np.minimum(np.ceil(horizons * self._reach / lattice.cell + 1), lattice.counts).astype(np.int64)
         low = np.maximum(cell - reach, lattice.first)
         high = np.minimum(cell + reach, lattice.first + lattice.counts - 1)
+        check_room("body.horizon", "particles round one", float(np.prod(high - low + 1.0)), VIEWED)
         axes = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high)), indexing="ij")
         return self._points(np.stack([axis.ravel() for axis in axes], axis=1))
 

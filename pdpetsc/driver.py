@@ -15,8 +15,8 @@ from pdpetsc import __version__, events
 from pdpetsc.advice import advise
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK
-from pdpetsc.errors import ConvergenceError, InputError, Interrupted, OutputError
-from pdpetsc.io import tables
+from pdpetsc.errors import ConvergenceError, InputError, Interrupted, NoRoom, OutputError
+from pdpetsc.io import tables, trust
 from pdpetsc.io.checkpoint import CHECKPOINT, check_whole, read_description
 from pdpetsc.memory import available_memory, memory_per_rank
 from pdpetsc.observers import (
@@ -86,6 +86,10 @@ def _restart(directory: Path, quiet: bool) -> int:
     comm = PETSc.COMM_WORLD
     check_whole(comm.tompi4py(), directory)
     with collective(comm.tompi4py()):
+        if comm.rank == 0:
+            trust.check_no_links(directory)
+            trust.check_checkpoint(directory / CHECKPOINT)
+    with collective(comm.tompi4py()):
         case = Case.from_document(**read_description(directory)["case"])
     simulation = build(case, directory)
     if simulation.ended:
@@ -130,13 +134,17 @@ def _blocks_that_fit(case: Case, comm) -> float | None:
     Raises:
         InputError: on all ranks, where the case cannot fit into memory or integers.
     """
-    available = memory_per_rank(comm)
-    try:
-        with collective(comm):
+    available, prediction = memory_per_rank(comm), None
+    with collective(comm):
+        try:
             prediction = predict(case, comm.size, QUICK) if comm.rank == 0 else None
-    except InputError:
-        return None  # on all ranks alike; building the body says what is wrong
+        except NoRoom:
+            raise
+        except InputError:
+            pass  # building the body says what is wrong
     prediction = comm.bcast(prediction)
+    if prediction is None:
+        return None
     with collective(comm):
         try:
             check_fits(prediction, available)
@@ -162,7 +170,7 @@ def _replace(out: Path, case: Case) -> None:
         out.mkdir(parents=True)
         tables.write_case(out, case.document, f"{__version__}, {case.path}")
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+        raise InputError(f"--out {out}: cannot be written ({error.strerror or error})") from None
 
 
 def _exit_code(run: Run) -> int:

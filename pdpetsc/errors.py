@@ -3,11 +3,23 @@
 from contextlib import contextmanager
 
 
+def plain(text: str) -> str:
+    """A text of strangers without what a terminal would obey: characters that are not printed become question marks."""
+    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
+
+
 class InputError(Exception):
     """The case, a file or an option is wrong: one sentence with place, cause and remedy (exit code 2).
 
     May be raised on any subset of ranks inside `parallel.collective`, which makes it an error of all ranks.
     """
+
+    def __init__(self, message: str):
+        super().__init__(plain(message))
+
+
+class NoRoom(InputError):
+    """The case asks for more than this machine can hold; raised on some ranks only, as memory differs."""
 
 
 class ConvergenceError(Exception):
@@ -32,4 +44,4 @@ def at(place: str):
     try:
         yield
     except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+        raise type(error)(f"{place}: {error}") from None

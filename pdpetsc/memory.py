@@ -4,6 +4,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from pdpetsc.errors import NoRoom
+
 GIB = 2.0**30
 
 SYSTEM = Path("/")
@@ -18,6 +20,24 @@ def available_memory() -> float | None:
     """
     found = [amount for amount in (_of_machine(), *map(_of_group, _groups())) if amount is not None]
     return min(found, default=None)
+
+
+def check_room(place: str, what: str, number: float, each: float) -> None:
+    """Refuse to make arrays that this machine has no room for.
+
+    Args:
+        place: of what is wrong in the case.
+        what: the things that there are so many of.
+        number: of them.
+        each: bytes of one.
+
+    Raises:
+        NoRoom: there is no room.
+    """
+    available = available_memory() if number * each > GIB else None
+    if available is not None and number * each > available:
+        free = f"{available / GIB:.2g} GiB that are free"
+        raise NoRoom(f"{place}: makes {number:.3g} {what} at once, too many for the {free}")
 
 
 def memory_per_rank(comm: MPI.Comm) -> float | None:

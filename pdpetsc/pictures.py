@@ -8,8 +8,10 @@ from pdpetsc.case import load
 from pdpetsc.errors import InputError
 from pdpetsc.io import tables
 from pdpetsc.io.curves import plot_convergence, plot_curve
+from pdpetsc.io.fields import HDF5
 from pdpetsc.io.plot import animate_result, plot_result
 from pdpetsc.io.report import write_report
+from pdpetsc.io.trust import believed, check_fields, check_no_links
 from pdpetsc.io.view import View
 from pdpetsc.parallel import collective, say, warn
 from pdpetsc.units import labels_of_history
@@ -49,17 +51,23 @@ def plot(
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
         if comm.rank == 0:
-            summary = tables.read_summary(directory)
-            title = summary["title"] or summary["case"]
-            if convergence:
-                path = plot_convergence(directory, title, summary["steps"])
-            elif curve is not None:
-                path = _plot_curve(directory, title, summary, curve)
-            else:
-                view = view._replace(field=view.field or load(str(directory / "case.toml")).output.picture)
-                path = (animate_result if animate else plot_result)(directory, summary, view, view.name)
+            check_no_links(directory)
+            with believed(directory):
+                path = _plotted(directory, view, animate, curve, convergence)
             say(comm, f"{path}")
     return 0
+
+
+def _plotted(directory: Path, view: View, animate: bool, curve: list[str] | None, convergence: bool) -> Path:
+    summary = tables.read_summary(directory)
+    title = summary["title"] or summary["case"]
+    if convergence:
+        return plot_convergence(directory, title, summary["steps"])
+    if curve is not None:
+        return _plot_curve(directory, title, summary, curve)
+    check_fields(directory / HDF5)
+    view = view._replace(field=view.field or load(str(directory / "case.toml")).output.picture)
+    return (animate_result if animate else plot_result)(directory, summary, view, view.name)
 
 
 def _plot_curve(directory: Path, title: str, summary: dict, axes: list[str]) -> Path:
@@ -82,5 +90,16 @@ def report(directory: Path) -> int:
     comm = PETSc.COMM_WORLD
     with collective(comm.tompi4py()):
         if comm.rank == 0:
-            say(comm, f"{write_report(directory)}")
+            check_no_links(directory)
+            say(comm, f"{write_report(directory, _why_unreadable(directory / HDF5))}")
     return 0
+
+
+def _why_unreadable(path: Path) -> str:
+    """Why a field file is better not opened; "" where it may be, or is not there."""
+    try:
+        if path.is_file():
+            check_fields(path)
+    except InputError as error:
+        return str(error)
+    return ""

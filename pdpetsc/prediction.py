@@ -101,7 +101,7 @@ def predict(case: Case, ranks: int, effort: Effort = FULL) -> Prediction:
         given, dim = options.given(), case.body.dim
         choice = choose(dim, census.particles, census.blocks, given, bool(case.damage))
     except InputError as error:
-        raise InputError(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
+        raise type(error)(f"{case.path}: {str(error).removeprefix(f'{case.path}: ')}") from None
     materials = census.materials.values()
     follower = any(follows(load, materials) for load in case.load)
     symmetric = all(material.symmetric for material in materials) and not (follower or _softens(case, census))

@@ -14,8 +14,8 @@ LONGEST = 350  # lines of a room
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
     (
-        "errors", "expressions", "quantities", "units", "timings", "terminal", "events", "signals", "parallel",
-        "options", "memory",
+        "errors", "apart", "toml", "expressions", "quantities", "units", "timings", "terminal", "events", "signals",
+        "parallel", "options", "memory",
     ),
     (
         "body",
@@ -90,7 +90,7 @@ ONLY = {
         "errors",
         "expressions",
     },  # no MPI, no PETSc
-    "case": {"catalogue", "schema", "errors", "expressions"},
+    "case": {"catalogue", "schema", "errors", "expressions", "toml"},
 }
 # And of everything else: models are testable with two particles and nothing but numpy and numba.
 OUTSIDE = {

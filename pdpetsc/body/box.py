@@ -13,6 +13,7 @@ from pdpetsc.body.border import FEW_SAMPLES, SAMPLES, Cut, cut_cells
 from pdpetsc.body.slivers import adopted
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import coordinates
+from pdpetsc.memory import check_room
 from pdpetsc.parallel import collective, warn
 from pdpetsc.particles import Facets, Points
 
@@ -23,13 +24,19 @@ NOTHING_LEFT = (
     "body.keep: no particle is left; the condition is false everywhere, or where it holds is less than a cell"
 )
 
+MOST_ROWS, PARTICLE, ROOM = 1e8, 300, ", with body.refine and body.zones,"
+"""Of cells in a layer; bytes that a particle takes while it is made; what says how many there are."""
+
 BLOCK = 1 << 16
 """Cells that are looked at together where not all of them fit."""
 
 
 def layer_rows(width: float, cell: float) -> int:
     """Rows of cells in a fictitious layer of this width [length], at least one."""
-    return max(1, int(width / cell + 1e-6))
+    rows = width / cell + 1e-6
+    if rows > MOST_ROWS:
+        raise InputError(f"body.layers: a layer of {width:g} has {rows:.3g} rows of cells, too many")
+    return max(1, int(rows))
 
 
 class Parts(NamedTuple):
@@ -85,6 +92,7 @@ class Lattice:
             InputError: the size is no multiple of the spacing, or there are more cells than can be numbered.
         """
         size = np.array(body.size, float)
+        _check_number(body, float(np.prod(np.maximum(1, size / body.spacing))))
         inner = np.maximum(1, np.rint(size / body.spacing)).astype(np.int64)
         cell = size / inner
         if np.any(np.abs(cell / body.spacing - 1) > 0.05):
@@ -154,6 +162,7 @@ class Lattice:
         Raises:
             InputError: a horizon is not greater than 0.
         """
+        check_room("body.spacing" + ROOM, "particles", float((division**self.dim).sum()), PARTICLE)
         division = division.astype(np.int64)
         middle, cell = _divide(index, division, self)
         parts = self.parts(index[cell], middle, self.spacing / division[cell], roughly)

@@ -78,7 +78,7 @@ def _opened(path: str, read):
             return result[...] if isinstance(result, h5py.Dataset) else result
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError) as error:  # of h5py, whatever it trips over
         raise InputError(f"{path}: cannot be read as HDF5 ({error})") from None
 
 
@@ -126,9 +126,14 @@ def _of_mesh(path: str) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: its points have no data 'volume', only {there}; for its cells take body.mesh")
     if not len(mesh.points):
         raise InputError(f"{path}: is empty")
-    columns = {
-        name: data[name].reshape(len(mesh.points), -1)[:, 0] for name in ("volume", *OPTIONAL, "set") if name in data
-    }
+    columns = {}
+    for name in ("volume", *OPTIONAL, "set"):
+        if name in data:
+            values = data[name]
+            wanted = "biufUS" if name == "set" else "biuf"
+            if values.shape[:1] != mesh.points.shape[:1] or not values.size or values.dtype.kind not in wanted:
+                raise InputError(f"{path}: its data {name!r} are no numbers, one for each point")
+            columns[name] = values.reshape(len(mesh.points), -1)[:, 0]
     return columns | dict(zip(AXES, np.asarray(mesh.points, float).T))
 
 

@@ -44,15 +44,18 @@ def _cells_of(mesh: meshio.Mesh, name: str, place: str) -> list[np.ndarray] | No
     if name in mesh.cell_sets and name not in NOT_GROUPS:
         return _of_set(mesh.cell_sets[name], sizes, name, place)
     if name in mesh.field_data and "gmsh:physical" in mesh.cell_data:
-        number, dim = (int(value) for value in mesh.field_data[name])
-        tags = mesh.cell_data["gmsh:physical"]  # groups of each dimension have numbers of their own
-        return [np.flatnonzero((np.asarray(t) == number) & (block.dim == dim)) for t, block in zip(tags, mesh.cells)]
+        pair = np.ravel(mesh.field_data[name])
+        if len(pair) != 2 or pair.dtype.kind not in "iuf":
+            raise InputError(f"{place}: the physical group {name!r} has no number and dimension")
+        tagged = _of_data(mesh.cell_data["gmsh:physical"], pair[:1], sizes, name, place)
+        some = [block.dim == pair[1] for block in mesh.cells]  # groups of each dimension have numbers of their own
+        return [part if of_dim else part[:0] for part, of_dim in zip(tagged, some)]
     families = [number for number, names in getattr(mesh, "cell_tags", {}).items() if name in names]
     if families and "cell_tags" in mesh.cell_data:
-        return [np.flatnonzero(np.isin(tags, families)) for tags in mesh.cell_data["cell_tags"]]
+        return _of_data(mesh.cell_data["cell_tags"], families, sizes, name, place)
     key, value = _datum(name)
     if key in mesh.cell_data:
-        return [np.flatnonzero(np.asarray(values) == value) for values in mesh.cell_data[key]]
+        return _of_data(mesh.cell_data[key], [value], sizes, name, place)
     return None
 
 
@@ -62,10 +65,10 @@ def _points_of(mesh: meshio.Mesh, name: str, place: str) -> np.ndarray | None:
         return _of_set([mesh.point_sets[name]], [len(mesh.points)], name, place)[0]
     families = [number for number, names in getattr(mesh, "point_tags", {}).items() if name in names]
     if families and "point_tags" in mesh.point_data:
-        return np.flatnonzero(np.isin(mesh.point_data["point_tags"], families))
+        return _of_data([mesh.point_data["point_tags"]], families, [len(mesh.points)], name, place)[0]
     key, value = _datum(name)
     if key in mesh.point_data and np.ndim(mesh.point_data[key]) == 1:
-        return np.flatnonzero(np.asarray(mesh.point_data[key]) == value)
+        return _of_data([mesh.point_data[key]], [value], [len(mesh.points)], name, place)[0]
     return None
 
 
@@ -94,3 +97,14 @@ def _of_set(parts, sizes: list[int], name: str, place: str) -> list[np.ndarray]:
     ):
         raise InputError(f"{place}: the set {name!r} cannot be read; list the numbers of its cells in it")
     return some
+
+
+def _of_data(parts, values, sizes: list[int], name: str, place: str) -> list[np.ndarray]:
+    """Numbers of the things, so many in each part, whose datum is one of some values.
+
+    Raises:
+        InputError: there is not one for each.
+    """
+    if [np.size(part) for part in parts] != sizes:
+        raise InputError(f"{place}: the data behind {name!r} cannot be read; there must be one for each cell or point")
+    return [np.flatnonzero(np.isin(part, values)) for part in parts]

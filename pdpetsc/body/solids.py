@@ -128,7 +128,7 @@ def particles_of_mesh(source) -> Given:
 def _points(mesh: meshio.Mesh, source) -> np.ndarray:
     """Places (points, dim), scaled."""
     path, dim, points = source.path, source.dim, np.asarray(mesh.points, float)
-    if points.ndim != 2 or points.shape[1] < dim:
+    if points.shape[1] < dim:
         raise InputError(
             f"{path}: has points of fewer than {dim} coordinates; take body.dimension = 2 for a plane mesh"
         )
@@ -154,9 +154,6 @@ def _cells(mesh: meshio.Mesh, points: np.ndarray, source) -> _Cells:
             if name not in KINDS:
                 raise InputError(f"{path}: has cells of type {block.type}, which cannot be particles")
             corners = np.asarray(block.data)[:, : KINDS[name].corners].astype(np.int64)
-            missing = np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))
-            if len(missing):
-                raise InputError(f"{path}: cell {first + missing[0]} has a point that the mesh does not have")
             where[k] = np.arange(rows, rows + size)
             parts.setdefault(name, []).append((where[k], corners))
             number.append(np.arange(first, first + size))

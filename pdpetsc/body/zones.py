@@ -7,6 +7,7 @@ import numpy as np
 
 from pdpetsc.body.box import Lattice, blocks_of, coordinates
 from pdpetsc.errors import InputError
+from pdpetsc.memory import check_room
 
 
 @dataclass
@@ -46,6 +47,7 @@ class Zone:
 
     def _middles(self, lattice: Lattice) -> np.ndarray:
         """Of the cells in the set, (n, dim)."""
+        check_room("body.zones", "cells to look at", lattice.cells, 8 * lattice.dim)
         found = []
         for numbers in blocks_of(lattice.cells):
             position = lattice.middles(lattice.indices(numbers))

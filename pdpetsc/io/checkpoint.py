@@ -11,9 +11,11 @@ import numpy as np
 from pdpetsc.body.sets import Sets
 from pdpetsc.errors import InputError, OutputError
 from pdpetsc.exchange import Directory
+from pdpetsc.io import kept as checks
 from pdpetsc.io import seal
 from pdpetsc.io.blocks import read_field, write_field
 from pdpetsc.io.shared_file import open_file
+from pdpetsc.parallel import collective
 from pdpetsc.particles import Facets, Particles, Points, distribute
 from pdpetsc.state import State
 
@@ -80,12 +82,17 @@ def read_description(directory: Path) -> dict:
     """The description kept in a checkpoint.
 
     Raises:
-        InputError: there is no checkpoint of this format.
+        InputError: there is no checkpoint of this format, or what it holds is no description.
     """
     path = directory / CHECKPOINT
     seal.read_seal(path, FORMAT)
-    with h5py.File(path, "r") as file:
-        return json.loads(file["description"][...].tobytes())
+    try:
+        with h5py.File(path, "r") as file:
+            kept = checks.parsed(file["description"][...].tobytes())
+        checks.check_description(kept)
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
+    return kept
 
 
 def gathered_bonds(mpi, bonds: np.ndarray) -> np.ndarray:
@@ -113,6 +120,7 @@ def read_particles(directory: Path, first: Particles, sets: Sets, tolerance: flo
         start, stop = (count * rank // comm.size for rank in (comm.rank, comm.rank + 1))
         columns = {name: file[name][start:stop] for name in ("position", "volume", "spacing", "horizon", *LINEAGE)}
         facets = Facets(**{name: file[f"facets/{name}"][...] for name in ("parent", "face", "position", "area")})
+    _check_inside(path, columns, first)
     carried = {name: columns.pop(name) for name in LINEAGE}
     own = Directory(comm, carried["ancestor"], first.count)
     carried["sets"] = own.from_blocks(first.directory.to_blocks(sets.columns))
@@ -120,6 +128,32 @@ def read_particles(directory: Path, first: Particles, sets: Sets, tolerance: flo
     points = Points(np.arange(start, stop), **columns, facets=mine, carried=carried)
     particles = distribute(comm, points, tolerance)
     return particles, sets.inherited(particles.carried.pop("sets"))
+
+
+FINEST = 1e-4
+"""Spacing of a refined body over the least at the start, below which it is not believed."""
+
+
+def _check_inside(path: Path, columns: dict[str, np.ndarray], first: Particles) -> None:
+    """See that particles are of the body that they come from (collective): a search grid for others has no bounds.
+
+    Raises:
+        InputError: they are not.
+    """
+    mpi, n = first.comm.tompi4py(), first.owned
+    ends = np.concatenate([-first.position[:n], first.position[:n]], axis=1)
+    ends = np.concatenate([ends, -first.spacing[:n, None], first.spacing[:n, None], first.horizon[:n, None]], axis=1)
+    ends = np.max(mpi.allgather(ends.max(axis=0, initial=-np.inf)), axis=0)
+    low, high, (finest, coarsest, horizon) = -ends[: first.dim], ends[first.dim : -3], ends[-3:]
+    with collective(mpi):
+        X, spacing = columns["position"], columns["spacing"]
+        if len(X) and not (
+            np.all((low - coarsest <= X) & (high + coarsest >= X))
+            and np.all((-finest * FINEST <= spacing) & (spacing <= coarsest * (1 + 1e-9)))
+            and np.all((columns["horizon"] > 0) & (columns["horizon"] <= horizon * (1 + 1e-9)))
+            and np.all((columns["ancestor"] >= 0) & (columns["ancestor"] < first.count))
+        ):
+            raise InputError(f"{path}: the checkpoint belongs to another body than the case that it holds")
 
 
 def read_damaged(directory: Path) -> dict[str, np.ndarray]:
@@ -137,10 +171,20 @@ def read_state(directory: Path, particles: Particles) -> State:
     path = directory / CHECKPOINT
     p = particles
     with h5py.File(path, "r") as file:
-        kept = json.loads(file.attrs["state"])
+        kept = _numbers(path, file.attrs["state"])
         same = file["u"].shape == (p.count, p.dim)
         there = [name for name in FIELDS if name in file]
     same = same and np.array_equal(read_field(path, "position", p.directory), p.position[: p.owned])
     if not p.comm.tompi4py().allreduce(int(same)) == p.comm.size:
         raise InputError(f"{path}: the checkpoint belongs to other particles than the case that it holds")
     return State(**{name: read_field(path, name, p.directory) for name in there}, **kept)
+
+
+def _numbers(path: Path, text: str) -> dict[str, float]:
+    """The state's numbers, of their JSON text."""
+    try:
+        kept = checks.parsed(text)
+        checks.check_state(kept, {key.name for key in fields(State)} - {*FIELDS})
+    except checks.Wrong as error:
+        raise InputError(f"{path}: the checkpoint is damaged ({error})") from None
+    return kept

@@ -7,9 +7,11 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
+from pdpetsc.errors import InputError
 from pdpetsc.io.blocks import write_field
 from pdpetsc.io.shared_file import SharedFile, open_file
 from pdpetsc.io.tables import whole
+from pdpetsc.io.trust import check_fields
 from pdpetsc.parallel import warn, written
 from pdpetsc.particles import Particles
 from pdpetsc.quantities import QUANTITIES
@@ -66,13 +68,14 @@ class FieldWriter:
         """The steps in the file of an earlier run and the number of particles of the last one that is kept; None where
         they cannot be read."""
         try:
+            check_fields(self._directory / HDF5)
             with h5py.File(self._directory / HDF5, "r") as file:
                 steps = written_steps(file)
                 for name in steps:
                     for values in file[name].values():
                         values[:1]
                 return steps, len(file[body_of(file, max(times)) + "position"])
-        except (OSError, RuntimeError, LookupError, ValueError, TypeError):  # of h5py, whatever it trips over
+        except (InputError, OSError, RuntimeError, LookupError):  # of h5py, whatever it trips over
             return None
 
     def _keep(self, times: dict[int, float], steps: list[str], count: int) -> None:

@@ -69,13 +69,21 @@ class Broken(NamedTuple):
 
 
 def read_broken(directory: Path, dim: int) -> Broken | None:
-    """The bonds that have failed in a result, or None where there is no list of them."""
+    """The bonds that have failed in a result, or None where there is no list of them.
+
+    Raises:
+        InputError: the list is damaged.
+    """
     try:
         with (directory / "broken_bonds.csv").open(newline="", encoding="utf-8") as file:
             rows = [[float(entry) for entry in row] for row in list(csv.reader(file))[1:]]
+        table = np.array(rows).reshape(-1, 4 + 2 * dim)
     except OSError:
         return None
-    table = np.array(rows).reshape(-1, 4 + 2 * dim)
+    except (ValueError, csv.Error) as error:
+        raise InputError(f"{directory / 'broken_bonds.csv'}: is damaged ({error})") from None
+    if not np.isfinite(table).all():
+        raise InputError(f"{directory / 'broken_bonds.csv'}: is damaged (it holds numbers that are not finite)")
     return Broken(table[:, 0].astype(int), table[:, 4:].reshape(-1, 2, dim))
 
 
@@ -120,7 +128,7 @@ def read_frame(file: h5py.File, step: str, view: View, broken: Broken | None = N
         InputError: the field was not written.
     """
     group = file[step]
-    if view.field not in group:
+    if view.field not in QUANTITIES or view.field not in group:
         raise InputError(
             f"--field {view.field}: was not written; there is {', '.join(sorted(group))}, and output.fields asks for "
             "more"

@@ -14,6 +14,7 @@ from pdpetsc.io.curves import convergence, curve
 from pdpetsc.io.frames import open_fields
 from pdpetsc.io.plot import picture
 from pdpetsc.io.tables import in_time, read_case, read_history, read_summary, whole
+from pdpetsc.io.trust import believed
 from pdpetsc.io.view import View
 from pdpetsc.quantities import QUANTITIES, label
 
@@ -53,28 +54,32 @@ MODES = {
 }  # fmt: skip
 
 
-def write_report(directory: Path) -> Path:
+def write_report(directory: Path, unreadable: str = "") -> Path:
     """Write report.html and return its path. It needs no other file, no network and no script.
 
     A run that was stopped leaves no summary: then the page has what the case, the history and the fields tell.
 
+    Args:
+        unreadable: why the field file is not opened; "": it is.
+
     Raises:
-        InputError: the directory is no result.
+        InputError: the directory is no result, or it is damaged.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import Environment, PackageLoader, StrictUndefined, TemplateError
 
     document = read_case(directory)
-    summary = _summary(directory, document)
     page = Environment(loader=PackageLoader("pdpetsc.io", "."), autoescape=True, undefined=StrictUndefined)
     page.filters["number"] = number
-    text = page.get_template("report.html").render(contents(directory, document, summary))
+    template = page.get_template("report.html")
+    with believed(directory, TemplateError):
+        text = template.render(contents(directory, document, _summary(directory, document, unreadable), unreadable))
     path = directory / "report.html"
     with whole(path) as file:
         file.write(text)
     return path
 
 
-def _summary(directory: Path, document: dict) -> dict:
+def _summary(directory: Path, document: dict, unreadable: str) -> dict:
     """summary.json, or what there is of it before a run has ended."""
     try:
         return read_summary(directory)
@@ -89,7 +94,7 @@ def _summary(directory: Path, document: dict) -> dict:
     names = [probe.get("name") for probe in document.get("probe", ())]
     return {
         "case": directory.resolve().name, "title": document.get("title", ""), "status": "",
-        "dim": _dimensions(directory, document),
+        "dim": 3 if unreadable else _dimensions(directory, document),
         "units": {"length": "m", "force": "N", "time": "s"} | document.get("units", {}),
         "choices": {"mode": document.get("solver", {}).get("mode", "newton")},
         "steps": [{key: int(value) if key in whole else value for key, value in row.items()} for row in rows],
@@ -119,7 +124,7 @@ def _lead(document: dict, summary: dict) -> str:
     return f"{count} in {summary['dim']}D of {materials}; {steps} steps, {MODES.get(mode, mode)}{on}."
 
 
-def contents(directory: Path, document: dict, summary: dict) -> dict:
+def contents(directory: Path, document: dict, summary: dict, unreadable: str = "") -> dict:
     """What the page shows: texts, rows of tables, and pictures as data."""
     units = summary["units"]
     motion = in_time(summary)
@@ -129,7 +134,7 @@ def contents(directory: Path, document: dict, summary: dict) -> dict:
         return name + units_of.bracketed(unit, units)
 
     probes = {probe["name"]: probe for probe in document.get("probe", ()) if "name" in probe}
-    pictures, reasons = _pictures(directory, document, summary)
+    pictures, reasons = _pictures(directory, document, summary, unreadable)
     return {
         "title": summary["title"] or summary["case"],
         "name": ":".join(filter(None, (summary["case"], summary.get("variant")))),
@@ -247,13 +252,15 @@ def _read(probe: dict) -> str:
     return what
 
 
-def _pictures(directory: Path, document: dict, summary: dict) -> tuple[list["Picture"], list[str]]:
+def _pictures(
+    directory: Path, document: dict, summary: dict, unreadable: str
+) -> tuple[list["Picture"], list[str]]:
     """The pictures that can be made, and why others could not: a page is not lost for want of one.
 
     What was never written is not missed.
     """
     output, title = document.get("output", {}), summary["title"] or summary["case"]
-    pictures, reasons = [], []
+    pictures, reasons = [], [unreadable] if unreadable else []
 
     def add(caption: str, alternative: str, figure: Callable) -> None:
         try:
@@ -263,7 +270,8 @@ def _pictures(directory: Path, document: dict, summary: dict) -> tuple[list["Pic
         except Exception as error:  # of a file that was being written when the run was killed
             reasons.append(f"{caption}: {error}")
 
-    for view in dict.fromkeys((View(output.get("picture", "u")), *PICTURES)):
+    views = () if unreadable else dict.fromkeys((View(output.get("picture", "u")), *PICTURES))
+    for view in views:
         what = label(view.field)
         add(what, f"The deformed body of {title}, coloured by {what}", partial(picture, directory, summary, view))
     if axes := output.get("curve"):

@@ -5,7 +5,6 @@ import io
 import json
 import os
 import re
-import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,9 @@ import numpy as np
 import tomli_w
 
 from pdpetsc.errors import InputError
+from pdpetsc.io import kept
 from pdpetsc.quantities import AXES, QUANTITIES, components
+from pdpetsc.toml import check_plain, read_toml
 
 MARK = "# pdpetsc "
 """First words of the case as run: what tells a result directory of ours from others."""
@@ -41,11 +42,17 @@ FILES = {
 """All that a run, its pictures and its report leave in its result directory; pictures of a step have its number too."""
 
 
+def is_ours(name: str) -> bool:
+    """Whether a file of a result directory is called like one that pdpetsc writes."""
+    return re.sub(r"-step\d+", "", name) in FILES
+
+
 def is_result(directory: Path) -> bool:
     """Whether a directory was written by pdpetsc and holds nothing else."""
     try:
-        ours = (directory / "case.toml").read_text(encoding="utf-8").startswith(MARK)
-        return ours and {re.sub(r"-step\d+", "", path.name) for path in directory.iterdir()} <= FILES
+        with (directory / "case.toml").open(encoding="utf-8") as file:
+            ours = file.read(len(MARK)) == MARK
+        return ours and all(is_ours(path.name) for path in directory.iterdir())
     except (OSError, UnicodeDecodeError):
         return False
 
@@ -97,7 +104,7 @@ def read_history(directory: Path) -> dict[str, list[float]]:
     try:
         with (directory / "history.csv").open(newline="", encoding="utf-8") as file:
             names, *rows = csv.reader(file)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{directory}: holds no history of load steps ({error})") from None
     columns = {}
     for name, entries in zip(names, zip(*rows)):
@@ -139,7 +146,9 @@ def read_summary(directory: Path) -> dict:
         InputError: there is none.
     """
     try:
-        return json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        summary = kept.parsed((directory / "summary.json").read_text(encoding="utf-8"))
+        kept.check_summary(summary)
+        return summary
     except (OSError, ValueError) as error:
         raise InputError(f"{directory}: holds no result of a run that has ended ({error})") from None
 
@@ -151,9 +160,11 @@ def read_case(directory: Path) -> dict:
         InputError: there is none.
     """
     try:
-        return tomllib.loads((directory / "case.toml").read_text(encoding="utf-8"))
+        document = read_toml(directory / "case.toml")
     except (OSError, ValueError) as error:
         raise InputError(f"{directory}: holds no result of pdpetsc ({error})") from None
+    check_plain(document, str(directory / "case.toml"))
+    return document
 
 
 def in_time(summary: dict) -> bool:

@@ -8,12 +8,15 @@ from pydantic import BaseModel, ValidationError
 from pdpetsc.expressions import Expression
 
 reprlib.aRepr.maxstring = 80
+LONGEST = 1000
+"""Characters of a message, which may quote what is wrong."""
 _WANTED = {
     "float_type": "must be a number",
     "finite_number": "must be a finite number",
     "int_type": "must be a whole number",
     "bool_type": "must be true or false",
     "string_type": "must be text in quotes",
+    "string_too_long": "must be shorter",
     "tuple_type": "must be a list",
     "dict_type": "must be a table",
     "model_type": "must be a table",
@@ -26,7 +29,8 @@ def explain(error: ValidationError, document: dict) -> str:
     places = [".".join(map(str, _key_path(e, document))) for e in errors]
     more = len(set(places)) - 1
     more_text = f" (and {more} more mistake{'s' if more > 1 else ''})" if more else ""
-    return f"{places[0]}: {_sentence(errors[0])}{more_text}"
+    sentence = f"{places[0]}: {_sentence(errors[0])}"
+    return (sentence if len(sentence) <= LONGEST else f"{sentence[:LONGEST]} ...") + more_text
 
 
 def _key_path(error: dict, document: dict) -> list:

@@ -1,5 +1,6 @@
 """The tables of what is followed and of what must come out."""
 
+from collections import Counter
 from typing import Annotated, Literal
 
 from pydantic import (
@@ -31,6 +32,8 @@ class Section(Table):
     where: Condition | None = None
 
 
+MOST_POINTS = 100_000
+"""Of a line."""
 RESULTANTS = ("force", "moment")
 """What is read on a section."""
 OF_A_CRACK = ("tip", "direction", "front", "radii")
@@ -48,7 +51,7 @@ class Probe(Table):
     field: Literal[*QUANTITIES, "moment", "J", "crack_tip"]
     component: str | None = None
     at: Vector | None = None
-    line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2)]], Strict(False)] | None = None
+    line: Annotated[tuple[Vector, Vector, Annotated[int, Field(ge=2, le=MOST_POINTS)]], Strict(False)] | None = None
     set: SetName | None = None
     section: Section | None = None
     reduce: Literal["sum", "mean", "min", "max", "error"] | None = None
@@ -153,7 +156,7 @@ HISTORY = (
 
 def different_names(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
     names = [probe.name for probe in probes]
-    twice = [name for name in names if names.count(name) > 1]
+    twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise ValueError(f"two probes have the name {twice[0]!r}")
     taken = [name for name in names if name in HISTORY]

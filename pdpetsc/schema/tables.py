@@ -16,6 +16,7 @@ from pdpetsc.schema.body import Body, ParticleSet, Surface
 from pdpetsc.schema.damage import DamageTable, Fraction
 from pdpetsc.schema.loads import LoadTable
 from pdpetsc.schema.materials import MaterialTable
+from pdpetsc.schema.options import OptionValue, harmless, option_name
 from pdpetsc.schema.probes import Expect, Probe, different_names, of_known_probes
 from pdpetsc.schema.refinement import Refinement
 from pdpetsc.schema.table import Table, error_at, exactly_one
@@ -23,23 +24,23 @@ from pdpetsc.schema.values import (
     Axes,
     Count,
     FieldName,
+    Label,
     Name,
-    OptionValue,
     Positive,
     SetName,
+    Title,
     formula,
     new_set,
     new_surface,
-    option_name,
 )
 
 
 class Units(Table):
     """Labels for pictures; all numbers of a case are in one consistent set of units."""
 
-    length: str = "m"
-    force: str = "N"
-    time: str = "s"
+    length: Label = "m"
+    force: Label = "N"
+    time: Label = "s"
 
 
 class Solver(Table):
@@ -218,7 +219,7 @@ class Description(Table):
 
     used_before = ("variant",)
 
-    title: str = ""
+    title: Title = ""
     units: Units = Units()
     body: Body
     sets: dict[Annotated[Name, AfterValidator(new_set)], ParticleSet] = {}
@@ -232,7 +233,7 @@ class Description(Table):
     probe: Annotated[tuple[Probe, ...], Strict(False), AfterValidator(different_names)] = ()
     output: Annotated[Output, AfterValidator(of_numbers)] = Output()
     expect: Annotated[tuple[Expect, ...], Strict(False), AfterValidator(of_known_probes)] = ()
-    petsc: dict[Annotated[str, AfterValidator(option_name)], OptionValue] = {}
+    petsc: Annotated[dict[Annotated[str, AfterValidator(option_name)], OptionValue], AfterValidator(harmless)] = {}
 
     @property
     def written(self) -> tuple[str, ...]:

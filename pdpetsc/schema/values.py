@@ -7,13 +7,15 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, Field, PlainValidator, Strict, ValidationInfo, WithJsonSchema, model_validator
 
-from pdpetsc.errors import InputError
+from pdpetsc.errors import InputError, plain
 from pdpetsc.expressions import Expression, hint
 from pdpetsc.quantities import AXES, QUANTITIES
 from pdpetsc.schema.table import Table, exactly_one
 
 COORDINATES = ("X", "Y", "Z")
 NORMALS = ("NX", "NY", "NZ")
+SMALLEST, LARGEST = 1e-60, 1e60
+"""Of numbers, whose squares and cubes, and ratios of those, stay floating-point numbers."""
 FACES = ("left", "right", "bottom", "top", "back", "front")  # two for each direction, the lower one first
 
 
@@ -71,6 +73,13 @@ def valid_name(value: str) -> str:
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", value):
         raise ValueError("a name begins with a letter and holds letters, digits, _ and - only")
     return value
+
+
+def label(value: str) -> str:
+    """A text that is drawn beside numbers."""
+    if len(value) > 40 or "$" in value:
+        raise ValueError("a unit is a short text without $")
+    return plain(value)
 
 
 def new_set(value: str) -> str:
@@ -141,7 +150,7 @@ def group_name(value: Any, info: ValidationInfo) -> str:
 
 
 def _is_finite(value: Any) -> bool:
-    return type(value) in (int, float) and -1e300 < value < 1e300  # an int of TOML may be beyond every float
+    return type(value) in (int, float) and -LARGEST <= value <= LARGEST  # an int of TOML may be beyond every float
 
 
 def unit_normal(value: Any, info: ValidationInfo) -> tuple[float, ...]:
@@ -154,18 +163,6 @@ def unit_normal(value: Any, info: ValidationInfo) -> tuple[float, ...]:
         choices = f"{', '.join(axes)}, one of them with a minus, or {len(axes)} numbers that are not all zero"
         raise ValueError(f"must be one of {choices}, not {value!r}")
     return tuple(v / math.hypot(*value) for v in value)
-
-
-def option_value(value: Any) -> str | int | float | bool:
-    if not isinstance(value, str | int | float) or re.search(r'["\n]', str(value)):
-        raise ValueError("must be a number, true, false or text without quotes and line breaks")
-    return value
-
-
-def option_name(value: str) -> str:
-    if not re.fullmatch(r"[A-Za-z_]\w*", value):
-        raise ValueError("a PETSc option is written here without its dash and with letters, digits and _ only")
-    return value
 
 
 class LayerWidth(NamedTuple):
@@ -187,12 +184,27 @@ def layer_width(value: Any) -> LayerWidth:
     return width
 
 
-Positive = Annotated[float, Field(gt=0)]
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"must be at least {SMALLEST:g}, not {value!r}; take other units")
+    return value
+
+
+def _not_vast(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise ValueError(f"must be at most {LARGEST:g}, not {value!r}; take other units")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0), AfterValidator(_not_tiny), AfterValidator(_not_vast)]
 Count = Annotated[int, Field(ge=1)]
 Name = Annotated[str, AfterValidator(valid_name)]
+Title = Annotated[str, Field(max_length=500), AfterValidator(plain)]
+Label = Annotated[str, AfterValidator(label)]
 SetName = Annotated[str, AfterValidator(known_set)]
 SurfaceName = Annotated[str, AfterValidator(known_surface)]
-Vector = Annotated[tuple[float, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
+Coordinate = Annotated[float, AfterValidator(_not_vast)]
+Vector = Annotated[tuple[Coordinate, ...], Strict(False), AfterValidator(_as_long_as_dimension)]
 Group = Annotated[str, PlainValidator(group_name), WithJsonSchema({"type": ["string", "integer"]})]
 Axes = Annotated[
     tuple[int, ...],
@@ -224,11 +236,6 @@ LayerThickness = Annotated[
             ],
         }
     ),
-]
-OptionValue = Annotated[
-    Any,
-    PlainValidator(option_value),
-    WithJsonSchema({"type": ["number", "string", "boolean"], "description": "value of a PETSc option"}),
 ]
 FieldName = Literal[*QUANTITIES]
 Condition = formula(condition=True)

@@ -13,7 +13,8 @@ from pdpetsc import driver
 from pdpetsc.body import given
 from pdpetsc.body.sets import Sets
 from pdpetsc.building import distributed_particles
-from pdpetsc.case import BUNDLED, Case
+from pdpetsc.case import Case
+from pdpetsc.catalogue import BUNDLED
 from pdpetsc.errors import InputError
 
 ONE = {

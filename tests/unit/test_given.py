@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
+from pdpetsc.body import meshes, meshfile
 from pdpetsc.body.cells import KINDS, area_vectors, shares_of_facets, volumes_and_middles
 from pdpetsc.body.given import source_of, whole
 from pdpetsc.body.sets import Sets
@@ -454,6 +455,7 @@ def changed(array: np.ndarray, *place_and_value) -> np.ndarray:
 def test_damaged_meshes(points, kind, cells, body, message, tmp_path, monkeypatch):
     """Each is said with the file, and the cell or point where it has one."""
     monkeypatch.setattr(meshio, "read", lambda path: meshio.Mesh(points, [(kind, cells)]))
+    monkeypatch.setattr(meshes, "read_apart", lambda script, path: meshfile.packed(path))
     (tmp_path / "part.vtu").write_text("")
     with pytest.raises(InputError) as error:
         built({"mesh": str(tmp_path / "part.vtu")} | body, surfaces={}, load=[])
