@@ -272,7 +272,7 @@ def test_only_what_is_far_too_large_is_refused():
 @pytest.mark.mpi
 def test_a_run_that_does_not_fit_is_refused_before_it_builds_anything(comm, shared_tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(driver, "memory_per_rank", lambda _: 1e6)
-    monkeypatch.setattr(driver, "Simulation", None)
+    monkeypatch.setattr(driver, "Run", None)
     assert cli.main(["clamped_beam", "--out", str(shared_tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert said.out == "" and not (shared_tmp_path / "out").exists()
