@@ -56,7 +56,7 @@ generalised-alpha method begins anew, to its order."""
 
 @pytest.fixture(autouse=True)
 def without_pictures(monkeypatch):
-    monkeypatch.setattr(driver, "_plot", lambda *arguments: None)
+    monkeypatch.setattr(driver, "draw", lambda *arguments: None)
 
 
 @pytest.fixture
