@@ -1,6 +1,7 @@
 """Points with volumes: tables of text (CSV), HDF5, and what meshio reads, such as VTK."""
 
 import re
+import warnings
 from pathlib import Path
 
 import h5py
@@ -94,7 +95,8 @@ def _of_text(path: str) -> dict[str, np.ndarray]:
                     f"not {','.join(header)[:80]!r}"
                 )
             kinds = [(name, TEXT if name == "set" else float) for name in columns]
-            table = np.loadtxt(file, kinds, delimiter=",", usecols=list(columns.values()), ndmin=1)
+            with warnings.catch_warnings(action="ignore"):  # of a table without rows, which is an error below
+                table = np.loadtxt(file, kinds, delimiter=",", usecols=list(columns.values()), ndmin=1)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
     except UnicodeDecodeError:

@@ -77,10 +77,10 @@ def test_a_load_that_is_no_number_somewhere(comm):
 def test_sets(comm):
     p = distributed(lattice((12, 4)), 1.5)
     names = ["X", "Y", "spacing"]
-    specs = {name: SimpleNamespace(where=Expression(text, names), nearest=None) for name, text in (
+    specs = {name: SimpleNamespace(where=Expression(text, names), nearest=None, group=None) for name, text in (
         ("left", "X < 2"), ("none", "X < 0"))}  # fmt: skip
     for name, point in (("tip", (12.0, 2.0)), ("first", (-5.0, -5.0)), ("middle", (6.0, 2.0))):
-        specs[name] = SimpleNamespace(where=None, nearest=point)
+        specs[name] = SimpleNamespace(where=None, nearest=point, group=None)
     sets = Sets.of(p, specs)
     assert comm.allreduce(int(sets["left"].sum())) == 8
     assert comm.allreduce(int(sets["all"].sum())) == 48
