@@ -119,7 +119,8 @@ class Child:
         self._told, tell = os.pipe()
         self._process = os.fork()
         if not self._process:
-            os.close(self._ask)
+            for asked_of in (self, *children.values()):  # else others would not see the end of what they are asked
+                os.close(asked_of._ask)
             os.close(self._told)
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))

@@ -72,26 +72,25 @@ def _plain_families(families) -> list:
 
 
 def unpacked(archive: bytes) -> meshio.Mesh:
-    """The mesh of `packed`; of data that were no tables of numbers or text only the names of cells are left."""
+    """The mesh of `packed`; data that were no tables of numbers or text are left out, and points, cells and sets that
+    were none are empty tables of no columns."""
     with np.load(io.BytesIO(archive), allow_pickle=False) as file:
         arrays = [file[name] for name in file.files]
     index = json.loads(arrays.pop(0).tobytes())
 
+    def table(number: int | None) -> np.ndarray:
+        return np.empty((0, 0), np.int64) if number is None else arrays[number]
+
     def of(tables: dict) -> dict:
         return {name: arrays[number] for name, number in tables.items() if number is not None}
 
-    def of_blocks(tables: dict) -> dict:
-        whole = {name: numbers for name, numbers in tables.items() if None not in numbers}
-        return {name: [arrays[number] for number in numbers] for name, numbers in whole.items()}
-
-    nothing = np.empty((0, 0), np.int64)
-    cells = [(kind, nothing if number is None else arrays[number]) for kind, number in index["cells"]]
-    mesh = meshio.Mesh(arrays[index["points"]], [])
-    mesh.cells = [meshio.CellBlock(kind, data) for kind, data in cells]
-    mesh.point_data, mesh.point_sets, mesh.field_data = (
-        of(index[name]) for name in ("point_data", "point_sets", "field_data")
-    )
-    mesh.cell_sets, mesh.cell_data = of_blocks(index["cell_sets"]), of_blocks(index["cell_data"])
+    mesh = meshio.Mesh(table(index["points"]), [])
+    mesh.cells = [meshio.CellBlock(kind, table(number)) for kind, number in index["cells"]]
+    mesh.point_sets = {name: table(number) for name, number in index["point_sets"].items()}
+    mesh.cell_sets = {name: [table(number) for number in numbers] for name, numbers in index["cell_sets"].items()}
+    mesh.point_data, mesh.field_data = of(index["point_data"]), of(index["field_data"])
+    whole = {name: numbers for name, numbers in index["cell_data"].items() if None not in numbers}
+    mesh.cell_data = {name: [arrays[number] for number in numbers] for name, numbers in whole.items()}
     for key, families in index["tags"].items():
         setattr(mesh, key, dict(families))
     return mesh
