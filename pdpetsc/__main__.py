@@ -26,6 +26,10 @@ def main() -> int:
     except (ImportError, ValueError) as error:  # another MPI, a wrong PETSC_DIR, or numpy 2 with an old petsc4py
         print(f"pdpetsc: error: petsc4py does not load ({error}); {INSTALL}", file=sys.stderr)
         return 2
+    except RuntimeError as error:  # of PETSc
+        where = "[petsc] in the case, PETSC_OPTIONS and the command line"
+        print(f"pdpetsc: error: PETSc does not start with its options ({error}); see {where}", file=sys.stderr)
+        return 2
     return cli.main(ours)
 
 

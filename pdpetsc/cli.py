@@ -119,7 +119,9 @@ def petsc_defaults(arguments: list[str]) -> Mapping:
         if request.command in ("run", "check"):
             return case.load(request.operand, request.overrides).petsc
         if request.command == "restart":
-            return case.load(str(Path(request.operand) / "case.toml")).petsc  # the case as run
+            directory = Path(request.operand)
+            directory = directory.parent if directory.name == "checkpoint.h5" else directory
+            return case.load(str(directory / "case.toml")).petsc  # the case as run
     except InputError:
         pass
     return {}

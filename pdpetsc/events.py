@@ -14,7 +14,10 @@ wanted = False
 def tell(comm, event: str, **values) -> None:
     """Write an event on the first rank, where events are wanted; numbers that are not finite become null."""
     if wanted and comm.rank == 0:
-        print(json.dumps(_plain({"event": event} | values), allow_nan=False), flush=True)
+        from pdpetsc.parallel import heard  # a room that needs this one
+
+        with heard():
+            print(json.dumps(_plain({"event": event} | values), allow_nan=False), flush=True)
 
 
 def _plain(value: Any) -> Any:

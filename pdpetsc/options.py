@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # of glibc's malloc.h
 _OPTION = re.compile(r"-[A-Za-z_]")
@@ -51,12 +52,13 @@ def start(arguments: list[str], defaults: Mapping[str, str | int | float | bool]
         arguments: PETSc's part of the command line.
         defaults: Options without their dash; `True` stands for an option without a value.
     """
-    given = os.environ.get("PETSC_OPTIONS", "")
-    words = ["-options_left 0", *(_as_text(name, value) for name, value in defaults.items()), given]
+    given, own = os.environ.get("PETSC_OPTIONS", ""), Path.home() / ".petscrc"
+    first = [f'-options_file "{own}"'] if own.is_file() else []
+    words = ["-options_left 0", *first, *(_as_text(name, value) for name, value in defaults.items()), given]
     os.environ["PETSC_OPTIONS"] = " ".join(words).strip()
     import petsc4py
 
-    petsc4py.init(["pdpetsc", *arguments])
+    petsc4py.init(["pdpetsc", "-skip_petscrc", *arguments])  # one in the working directory may be a stranger's
     os.environ["PETSC_OPTIONS"] = given  # for programs that this one starts
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc's handler would call `pdpetsc | head` a crash
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # and this one, too

@@ -1,5 +1,7 @@
 """Pictures and reports: of a run that ends, and of results that are there."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from petsc4py import PETSc
@@ -52,7 +54,7 @@ def plot(
     with collective(comm.tompi4py()):
         if comm.rank == 0:
             check_no_links(directory)
-            with believed(directory):
+            with believed(directory), _writable(directory):
                 path = _plotted(directory, view, animate, curve, convergence)
             say(comm, f"{path}")
     return 0
@@ -91,8 +93,19 @@ def report(directory: Path) -> int:
     with collective(comm.tompi4py()):
         if comm.rank == 0:
             check_no_links(directory)
-            say(comm, f"{write_report(directory, _why_unreadable(directory / HDF5))}")
+            with _writable(directory):
+                path = write_report(directory, _why_unreadable(directory / HDF5))
+            say(comm, f"{path}")
     return 0
+
+
+@contextmanager
+def _writable(directory: Path) -> Iterator[None]:
+    """Where a picture cannot be written, the directory is no good input."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be written ({error.strerror or error})") from None
 
 
 def _why_unreadable(path: Path) -> str:

@@ -35,8 +35,7 @@ class Run(Simulation):
             self.status = super().solve()
         except Stop:
             self.status = "stopped"
-            for observer in self.observers:
-                observer.finish(self)
+            self._finish()
         except ConvergenceError as error:
             self.status, failure = "not_converged", error
         except InputError as error:

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from pdpetsc.adapt.inheritance import inherited
 from pdpetsc.adapt.measures import changes, measures
-from pdpetsc.adapt.refinement import before
+from pdpetsc.adapt.refinement import EVERY, before
 from pdpetsc.body.cracks import cracks_of
 from pdpetsc.body.sets import Sets
 from pdpetsc.building import distributed_particles, expected_blocks, refinement_of
@@ -36,11 +36,6 @@ from pdpetsc.timings import Timings
 _KEEP_COMMUNICATOR = PETSc.Vec().create(PETSc.COMM_WORLD)
 """PETSc frees its copy of a communicator with the last object on it. Ranks collect garbage at different times, so in a
 second simulation of one process some would have to copy it again, collectively, and others not."""
-
-
-EVERY = 10
-"""Steps of a motion between looks at what is to be refined, where the case says nothing: a wave crosses a horizon in
-about as many."""
 
 MINUTES = 30.0  # between checkpoints of a motion at most, where the case says nothing
 
@@ -206,14 +201,17 @@ class Simulation:
                 self.assembler.set_time(self.state.time)  # the loads of the last committed state again
             else:
                 self.assembler.unload()
+        self._finish()
+        if failure:
+            raise failure
+        return status
+
+    def _finish(self) -> None:
         for observer in self.observers:
             try:
                 observer.finish(self)
             except OutputError as error:  # the others may have more luck
                 self.unwritten = self.unwritten or error.with_traceback(None)
-        if failure:
-            raise failure
-        return status
 
     def _solve(self) -> str:
         """March to the end, and refine the body on the way."""
@@ -304,7 +302,7 @@ class Simulation:
         if self.fracture:
             self.fracture.commit()
         self._note(row_of(self, record))
-        return bool(self.requests.stop) or self._mark(state)
+        return self.requests.stop > 0 and not self.schedule.finished(state.time) or self._mark(state)
 
     def _commit_motion(self, state: State) -> None:
         self.__dict__.pop("recovery", None)
@@ -321,6 +319,8 @@ class Simulation:
         self.rows.append(row | self._count | {"probes": probes})
         for observer in self.observers:
             observer.step(self)
+        if self.requests.save:  # nobody writes checkpoints
+            self.requests.saved()
 
     def _look(self, state: State) -> str:
         """What is to become of a step of a motion: `Motion`'s "commit" or "pause"."""

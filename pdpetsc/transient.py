@@ -101,9 +101,9 @@ class Transient:
     def _initial_state(self, sets: Sets) -> State:
         p, a = self._assembler.particles, self._assembler
         u, v = np.zeros((p.owned, p.dim)), np.zeros((p.owned, p.dim))
+        sites = [np.flatnonzero(sets[table.set]) for table in self._case.initial]
         with collective(a.mpi):
-            for table in self._case.initial:
-                members = np.flatnonzero(sets[table.set])
+            for table, members in zip(self._case.initial, sites):
                 place = coordinates(p.position[members], p.spacing[members])
                 field, value = (u, table.displacement) if table.displacement else (v, table.velocity)
                 field[np.ix_(members, table.component)] = value(**place)[:, None]

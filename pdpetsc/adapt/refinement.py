@@ -25,6 +25,10 @@ BEFORE = ("id", "position", "horizon")
 """What a particle's bonds are known by, carried from before a refinement."""
 
 
+EVERY = 10
+"""Steps of a motion between looks at what is to be refined, where the case says nothing: a wave crosses a horizon in
+about as many."""
+
 FINER = 0.99
 """A spacing is smaller than another where it is below this fraction of it."""
 

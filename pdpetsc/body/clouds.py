@@ -40,8 +40,14 @@ def points_of_file(source) -> Given:
 
 
 def count_of_hdf5(path: str) -> int:
-    """How many particles there are."""
-    return len(_opened(path, lambda file: file["volume"]))
+    """How many particles there are.
+
+    Raises:
+        InputError: there are none.
+    """
+    if rows := len(_opened(path, lambda file: file["volume"])):
+        return rows
+    raise InputError(f"{path}: volume has no rows, so there is no particle")
 
 
 def points_of_hdf5(source, start: int, stop: int) -> Given:
@@ -62,9 +68,10 @@ def points_of_hdf5(source, start: int, stop: int) -> Given:
         position = file["position"][start:stop]
         if len(file["position"]) != len(file["volume"]) or position.ndim != 2:
             raise InputError(f"{source.path}: position has the shape {file['position'].shape}, not (rows, dimensions)")
-        return columns | dict(zip(AXES, position.T))
+        return columns | dict(zip(AXES, position.T)), dict(zip(AXES, file["position"][0]))
 
-    return _given(source, _opened(source.path, read), np.arange(start + 1, stop + 1))
+    columns, first = _opened(source.path, read)
+    return _given(source, columns, np.arange(start + 1, stop + 1), first)
 
 
 def _opened(path: str, read):
@@ -78,7 +85,7 @@ def _opened(path: str, read):
             return result[...] if isinstance(result, h5py.Dataset) else result
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
-    except (OSError, RuntimeError, ValueError, TypeError, LookupError) as error:  # of h5py, whatever it trips over
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError) as error:  # of h5py
         raise InputError(f"{path}: cannot be read as HDF5 ({error})") from None
 
 
@@ -137,8 +144,9 @@ def _of_mesh(path: str) -> dict[str, np.ndarray]:
     return columns | dict(zip(AXES, np.asarray(mesh.points, float).T))
 
 
-def _given(source, columns: dict[str, np.ndarray], number: np.ndarray) -> Given:
-    """Columns of rows with these numbers, checked."""
+def _given(source, columns: dict[str, np.ndarray], number: np.ndarray, first: dict | None = None) -> Given:
+    """Columns of rows with these numbers, checked; `first`: coordinates of the first row of the file, where that may be
+    another one."""
     path, dim, noun = source.path, source.dim, source.noun
     axes = [columns[name] for name in AXES if name in columns]
     if len(axes) < dim:
@@ -147,7 +155,7 @@ def _given(source, columns: dict[str, np.ndarray], number: np.ndarray) -> Given:
         )
     checked_positions(np.stack(axes, axis=1).astype(float), path, noun, number)
     for name, flat in zip(AXES[dim:], axes[dim:]):
-        apart = np.flatnonzero(flat != flat[0])
+        apart = np.flatnonzero(flat != (first[name] if first else flat[:1]))
         if len(apart):
             raise InputError(
                 f"{path}: {noun} {number[apart[0]]} has another {name} than the others; take body.dimension = "

@@ -81,6 +81,9 @@ def check_description(kept: Any) -> None:
         if not isinstance(case[name], kind):
             raise Wrong(f"{name} of the case is of another kind")
     check_steps(kept.get("rows"))
+    columns = {(*row, *row["probes"]) if isinstance(row.get("probes"), dict) else () for row in kept["rows"]}
+    if len(columns) > 1 or () in columns:
+        raise Wrong("its steps have other columns or probes than the first one")
     for name in ("refinements", "time_steps"):
         if not isinstance(kept.get(name, []), list) or not all(isinstance(row, dict) for row in kept.get(name, [])):
             raise Wrong(f"{name} is no list of tables")
@@ -93,7 +96,7 @@ def check_description(kept: Any) -> None:
 
 
 def check_steps(rows: Any) -> None:
-    """See that rows of steps have numbers, times and probes, and the same columns.
+    """See that rows of steps have numbers and times.
 
     Raises:
         Wrong: they do not.

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from pdpetsc.apart import OF_MPI
 from pdpetsc.io.cells import Surface
 from pdpetsc.io.frames import Range
 
@@ -50,9 +51,9 @@ def render(surfaces: Iterable[Surface], common: Range, colours: str) -> list[np.
 
 
 def _environment() -> dict[str, str]:
-    """Without a screen, even where there is one; and with this very package."""
+    """Without a screen, even where there is one, without MPI's other ranks, and with this very package."""
     package = str(Path(__file__).parents[2])
-    kept = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    kept = {name: value for name, value in os.environ.items() if name != "DISPLAY" and not name.startswith(OF_MPI)}
     return kept | {"PYTHONPATH": os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))}
 
 

@@ -18,7 +18,7 @@ FORBIDDEN = {
     "reads further options": r"^options_(?!left$|view$)|^prefix_|^petscrc",
     "reads or writes files": r"^info(_|$)|^history|^log$|^log_(?!view$|sync$)|^malloc_(dump|view|log)|^memory_view|"
     r"^citations|file|trajectory|tmp|dirname|_vtk$|^viewer_|^(mat|vec|dm)_?load|binary|(^|_)monitor_ratio$|"
-    r"mumps_icntl_[123]$|^get_|^mpidump",
+    r"mumps_icntl_([123]|22)$|^get_|^mpidump",
     "opens a window or a connection elsewhere": r"^display|^x_|socket|^nox",
     "stops the program": r"^fp_trap|^mpi_linear_solver_server|^petsc_sleep|^version$|^check_pointer|pause$",
 }
@@ -68,12 +68,13 @@ def harmless(options: dict) -> dict:
 def check_text(name: str, value: str) -> None:
     """See that the value of an option names no file, no further option and nothing that runs code.
 
-    Viewers are written as type:file:format; without a file they write on the screen.
+    Viewers are written as type:file:format, several with commas between; without a file they write on the screen.
     """
-    kind, _, rest = value.lower().strip().partition(":")
     if re.match(r"\s*-+\s*[a-z_]", value, re.IGNORECASE):
         raise error_at(name, f"{value!r} is an option itself; give it a line of its own")
-    if "python" in value.lower() or kind in VIEWERS or re.search(r"[/\\]", value) or (rest and not rest[0] == ":"):
+    parts = [part.strip().partition(":") for part in value.lower().split(",")]
+    viewers = any(kind in VIEWERS or (rest and rest[0] != ":") for kind, _, rest in parts)
+    if "python" in value.lower() or viewers or re.search(r"[/\\]", value):
         raise error_at(
             name,
             f"{value!r} may write or read a file or run code, so it is taken from the command line only: "

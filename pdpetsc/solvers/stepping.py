@@ -100,6 +100,6 @@ def march(
         paused = commit(state, record)
         if record.separated:
             return "separated"
-        if paused and not schedule.finished(state.time):
+        if paused:
             return "paused"
     return "converged"
