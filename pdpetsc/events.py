@@ -5,17 +5,32 @@ docs/command-line.md has the schema of the events.
 
 import json
 import math
+import os
+import sys
+from contextlib import contextmanager
 from typing import Any
 
 wanted = False
 """Whether this run tells machines what happens, and people nothing but errors."""
 
 
+@contextmanager
+def heard():
+    """Where nobody reads our output any more, as in `pdpetsc | head`, be silent and ask the run to stop."""
+    try:
+        yield
+    except BrokenPipeError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+        from pdpetsc import signals  # which needs MPI
+
+        signals.ask(signals.SILENCE)
+
+
 def tell(comm, event: str, **values) -> None:
     """Write an event on the first rank, where events are wanted; numbers that are not finite become null."""
     if wanted and comm.rank == 0:
-        from pdpetsc.parallel import heard  # a room that needs this one
-
         with heard():
             print(json.dumps(_plain({"event": event} | values), allow_nan=False), flush=True)
 

@@ -10,10 +10,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pdpetsc import events
 from pdpetsc.errors import OutputError
+from pdpetsc.events import heard
 from pdpetsc.io.checkpoint import write_checkpoint
 from pdpetsc.io.fields import FieldWriter
 from pdpetsc.io.tables import write_broken_bonds, write_history
-from pdpetsc.parallel import heard, warn, written
+from pdpetsc.parallel import warn, written
 
 SILENCE = 5.0
 """Seconds after which a load step in which bonds fail is heard of."""

@@ -1,6 +1,5 @@
 """What every rank must do together: fail, speak once, and agree."""
 
-import os
 import sys
 import traceback
 from contextlib import contextmanager
@@ -8,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from pdpetsc import events, signals, terminal
+from pdpetsc import events, terminal
 from pdpetsc.errors import InputError, OutputError
 
 
@@ -65,20 +64,8 @@ def _raise_first(comm, message: str | None, kind: type[Exception]) -> None:
 def say(comm, *text) -> None:
     """Print on the first rank, where people and not machines are told."""
     if comm.rank == 0 and not events.wanted:
-        with heard():
+        with events.heard():
             print(*text, flush=True)
-
-
-@contextmanager
-def heard():
-    """Where nobody reads our output any more, as in `pdpetsc | head`, be silent and ask the run to stop."""
-    try:
-        yield
-    except BrokenPipeError:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
-        signals.ask(signals.SILENCE)
 
 
 def warn(comm, text: str) -> None:
