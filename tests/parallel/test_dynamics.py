@@ -287,3 +287,11 @@ def test_a_motion_that_fails_keeps_the_bonds_of_its_last_row(comm):
 def test_what_does_not_go_together(change, message):
     with pytest.raises(InputError, match=message):
         Case.from_document(BLOCK | change, "block", None, "block.toml", False)
+
+
+def test_an_initial_value_that_is_none_on_one_rank(comm):
+    """And further ones after it."""
+    none = {"component": "x", "velocity": "sqrt(X - 4)"}
+    described = document() | {"initial": [none, {"component": "y", "velocity": 0.0}]}
+    with pytest.raises(InputError, match=r"initial.0.velocity: .* is nan"):
+        simulation(described)

@@ -103,6 +103,22 @@ def test_hdf5_is_read_by_all_ranks(comm, shared_tmp_path):
 
 
 @pytest.mark.mpi
+def test_what_lies_in_no_plane_is_seen_by_all(comm, shared_tmp_path):
+    """Where a rank's own rows do, too."""
+    path, n = shared_tmp_path / "layers.h5", 4 * comm.size
+    if comm.rank == 0:
+        x = np.arange(n) + 0.5
+        X = np.stack([x, 0 * x, x > n / 2], axis=1)
+        with h5py.File(path, "w") as file:
+            file["position"], file["volume"] = X, np.ones(n)
+    comm.Barrier()
+    body = {"points": str(path), "dimension": 2, "horizon": 2.015}
+    case = case_of(body=body, load=[], surfaces={}, probe=[], sets={})
+    with pytest.raises(InputError, match=f"row {n // 2 + 1} has another Z than the others"):
+        distributed_particles(PETSc.COMM_WORLD, case)
+
+
+@pytest.mark.mpi
 def test_mistakes_are_everybodys(comm, shared_tmp_path):
     """What the first rank finds in a file, and what a set lacks."""
     with pytest.raises(InputError, match=r"none.msh: there is no such file"):

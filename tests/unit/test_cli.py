@@ -263,6 +263,7 @@ def test_version(capsys):
         ("list", {}),
         ("restart nowhere", {}),
         ("restart earlier", {"ksp_type": "cg"}),
+        ("restart earlier/checkpoint.h5", {"ksp_type": "cg"}),
     ],
 )
 def test_petsc_defaults_pass_over_mistakes(line, expected, tmp_path):

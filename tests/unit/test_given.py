@@ -553,6 +553,7 @@ def test_damaged_hdf5(tmp_path):
             built({"points": write_hdf5(tmp_path / "cloud.h5", **columns), "dimension": 2})
 
     refused("cloud.h5: has no dataset 'volume'", position=X)
+    refused("cloud.h5: volume has no rows", position=X[:0], volume=ones[:0])
     refused("cloud.h5: row 4 has the volume 0", position=X, volume=changed(ones, 3, 0.0))
     refused("cloud.h5: row 4 is at .nan, 3.5.", position=changed(X, (3, 0), np.nan), volume=ones)
     refused("cloud.h5: horizon has 35 rows, volume 36", position=X, volume=ones, horizon=ones[:-1])

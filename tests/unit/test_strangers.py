@@ -50,7 +50,8 @@ def refusal(function, *arguments, **more) -> str:
         "start_in_debugger=true", "debug_terminal=xterm", "fp_trap=true", "history=x", "log_all=x", "log_trace=x",
         "citations=x", "viewer_binary_filename=x", "ts_trajectory_dirname=x", "ts_monitor_solution_vtk=x-%03d.vtu",
         "ksp_view=socket", "saws_port=80", "display=host:0", "draw_save=x", "prefix_push=x", "options_string=x",
-        "mat_mumps_icntl_1=99", "mat_mumps_ooc_tmpdir=x", "mpi_linear_solver_server=true", "tmp=x",
+        "mat_mumps_icntl_1=99", "mat_mumps_icntl_22=1", "log_view=::ascii_info,:x", "mat_view=ascii,binary",
+        "mat_mumps_ooc_tmpdir=x", "mpi_linear_solver_server=true", "tmp=x",
         "ksp_monitor='-options_file'", "ksp_rtol=../x", "ksp_monitor_ratio=x", "x_pc_python_type=x", "log_mpe=x",
     ],
 )  # fmt: skip
@@ -325,3 +326,11 @@ def test_the_checks_of_a_file_run_alone(tmp_path):
     directory = result(tmp_path)
     command = [sys.executable, "-P", hdf5_check.__file__, "20", str(2**32), str(directory / "fields.h5"), "fields"]
     assert subprocess.run(command, cwd=tmp_path, capture_output=True).returncode == 0
+
+
+def test_options_in_a_folder_are_not_read(tmp_path, run_pdpetsc):
+    """PETSc would read petscrc and .petscrc where it is started."""
+    for name in ("petscrc", ".petscrc"):
+        (tmp_path / name).write_text("-log_view :seen.txt\n")
+    assert run_pdpetsc(None, "check", cwd=tmp_path).returncode == 0
+    assert not (tmp_path / "seen.txt").exists()
