@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pdpetsc.advice.base import LARGE_STRETCH, Known, horizons, rule
+from pdpetsc.advice.base import LARGE_STRETCH, Known, horizons, of_lattices, rule
 from pdpetsc.case import Case
 from pdpetsc.damage.base import Criterion
 from pdpetsc.errors import InputError
@@ -57,6 +57,7 @@ def strength_of_the_lattice(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def short_crack(case: Case, known: Known) -> Iterator[str]:
     widest = max(horizons(case).values(), default=0.0) * case.body.spacing
     size, origin = np.array(case.body.size), np.array(case.body.origin)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from itertools import product
 
-from pdpetsc.advice.base import Known, horizons, rule
+from pdpetsc.advice.base import Known, horizons, of_lattices, rule
 from pdpetsc.case import Case
 
 FEW = 2.0
@@ -39,6 +39,7 @@ def wide_horizon(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def horizon_on_the_lattice(case: Case, known: Known) -> Iterator[str]:
     for name, m in horizons(case).items():
         reach = m * (1 + case.body.horizon_tolerance)
@@ -54,6 +55,7 @@ def horizon_on_the_lattice(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def thinner_than_a_horizon(case: Case, known: Known) -> Iterator[str]:
     thinnest = min(case.body.size)
     for name, m in horizons(case).items() if case.body.dim > 1 else ():

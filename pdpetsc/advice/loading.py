@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from pdpetsc.advice.base import LARGE_STRETCH, Known, rule
+from pdpetsc.advice.base import LARGE_STRETCH, Known, of_lattices, rule
 from pdpetsc.case import Case
 from pdpetsc.errors import InputError
 from pdpetsc.quantities import AXES
@@ -34,6 +34,7 @@ def _times(case: Case) -> np.ndarray:
 
 
 @rule
+@of_lattices
 def nothing_happens(case: Case, known: Known) -> Iterator[str]:
     values = [_values(case, load, _times(case)) for load in case.load]
     if not any(np.any(value != 0) or not len(value) for value in values) and not case.initial:
@@ -41,6 +42,7 @@ def nothing_happens(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def all_at_once(case: Case, known: Known) -> Iterator[str]:
     quasi_static = not case.solver.in_time and case.solver.control == "load" and case.solver.steps > 1
     acts = any(np.any(_values(case, load, np.array([0.0, 1.0])) != 0) for load in case.load)
@@ -52,6 +54,7 @@ def all_at_once(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def long_strides(case: Case, known: Known) -> Iterator[str]:
     if case.solver.in_time or case.solver.control != "load" or all(m.linear for m in known.materials.values()):
         return
@@ -84,6 +87,7 @@ def free_to_move(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def enormous_loads(case: Case, known: Known) -> Iterator[str]:
     stiffest = max(getattr(spec, "E", math.inf) for spec in case.material.values())
     *smaller, _ = sorted(case.body.size)
@@ -99,6 +103,7 @@ def enormous_loads(case: Case, known: Known) -> Iterator[str]:
 
 
 @rule
+@of_lattices
 def thickness_left_out(case: Case, known: Known) -> Iterator[str]:
     body = case.body
     forces = [index for index, load in enumerate(case.load) if load.kind == "force"]

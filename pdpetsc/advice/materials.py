@@ -11,6 +11,9 @@ INCOMPRESSIBLE = 0.45
 """Poisson's ratio beyond which a body hardly changes its volume."""
 SLOWEST, FASTEST = 10.0, 5e4
 """Speeds of sound [m/s] that no solid has: rubber has some 40, diamond 1.8e4."""
+STIFFEST = 2e12
+"""Young's modulus [Pa] that no solid has: diamond has 1.2e12."""
+NEWTONS = {"N": 1.0, "kN": 1e3, "MN": 1e6}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 
@@ -48,6 +51,20 @@ def zero_energy_modes(case: Case, known: Known) -> Iterator[str]:
             yield (
                 f'material.{name}.stabilisation: with kind = "none" and a horizon of {m:g} spacings displacements may '
                 "oscillate from particle to particle; leave the key out, its default needs no tuning"
+            )
+
+
+@rule
+def stiffer_than_diamond(case: Case, known: Known) -> Iterator[str]:
+    units = case.units
+    if units.length not in METRES or units.force not in NEWTONS:
+        return
+    pascals = NEWTONS[units.force] / METRES[units.length] ** 2
+    for name, spec in case.material.items():
+        if getattr(spec, "E", 0.0) * pascals > STIFFEST:
+            yield (
+                f"material.{name}.E = {spec.E:g}: is stiffer than any solid with {units.force} and {units.length}; "
+                f"give it in {units.force}/{units.length}^2, or name your units in [units]"
             )
 
 

@@ -54,6 +54,7 @@ SPEAKS = [
     ({"body.horizon": 3.0}, "take 3.015"),
     ({"body.horizon": {"length": 0.0223607}}, "particles lie exactly on the edge"),
     ({"body.size": [0.2, 0.02]}, "is less than a horizon"),
+    ({"units": {"length": "mm"}, "material.steel.density": None}, "stiffer than any solid with N and mm"),
     ({"material.steel.nu": 0.49}, "material.steel.nu = 0.49: the bulk modulus is 49.7 times"),
     ({"material.steel.model": "bond", "material.steel.allow_any_poisson": True}, "bonds have 0.25"),
     (
@@ -119,6 +120,12 @@ def test_of_bundled_cases_only_what_they_do_on_purpose_is_said(name, texts):
     chosen = case.load(name)
     spoken = advise(chosen, predict(chosen, 1, QUICK))
     assert len(spoken) == len(texts) and all(text in line for text, line in zip(texts, spoken))
+
+
+@pytest.mark.parametrize("name", ["sheet_hole", "sheet_hole:vertices"])
+def test_bodies_from_files_are_looked_at(name):
+    chosen = case.load(name)
+    assert advise(chosen, predict(chosen, 1, QUICK)) == []
 
 
 @pytest.mark.parametrize(("kind", "dim"), product(OPTIONS["--kind"].choices, ("1", "2")))
