@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,16 +44,20 @@ def check_plain(document: Any, place: str) -> None:
     Raises:
         InputError: they are not.
     """
-    level = [document]
-    for _ in range(DEEPEST):
-        level = [
-            inner
-            for outer in level
-            if isinstance(outer, dict | list)
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-        ]
+    for depth, level in enumerate(levels(document), 1):
+        if depth >= DEEPEST:
+            raise InputError(f"{place}: is nested too deeply")
         if any("\0" in text for text in level if isinstance(text, str)):
             raise InputError(f"{place}: holds a null character")
-        if not level:
-            return
-    raise InputError(f"{place}: is nested too deeply")
+
+
+def levels(data: Any) -> Iterator[list]:
+    """What tables and lists hold, then what is held in that, and so on to the deepest."""
+    level = [data]
+    while level := [
+        inner
+        for outer in level
+        if isinstance(outer, dict | list)
+        for inner in (outer.values() if isinstance(outer, dict) else outer)
+    ]:
+        yield level

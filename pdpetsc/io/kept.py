@@ -4,6 +4,8 @@ import json
 import math
 from typing import Any
 
+from pdpetsc.toml import levels
+
 DEEPEST = 50
 """Levels of nesting."""
 
@@ -29,17 +31,9 @@ def parsed(text: str | bytes) -> Any:
         raise Wrong("nested too deeply") from None
     except ValueError as error:
         raise Wrong(str(error)) from None
-    level = [data]
-    for _ in range(DEEPEST):
-        level = [
-            inner
-            for outer in level
-            if isinstance(outer, dict | list)
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-        ]
-        if not level:
-            return data
-    raise Wrong("nested too deeply")
+    if any(depth >= DEEPEST for depth, _ in enumerate(levels(data), 1)):
+        raise Wrong("nested too deeply")
+    return data
 
 
 def is_number(value: Any, low: float = -math.inf) -> bool:
