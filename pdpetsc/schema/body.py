@@ -94,20 +94,24 @@ class Body(Table):
         return self
 
 
-class ParticleSet(Table):
-    """The particles that meet a condition or belong to a group of the body's file, or the one nearest to a point. A
-    plain text is a condition."""
+class Chosen(Table):
+    """What a condition chooses; a plain text is one."""
 
     plain = "string"
-
-    where: Condition | None = None
-    nearest: Vector | None = None
-    group: Group | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _plain_text(cls, value: Any) -> Any:
         return {"where": value} if isinstance(value, str) else value
+
+
+class ParticleSet(Chosen):
+    """The particles that meet a condition or belong to a group of the body's file, or the one nearest to a point. A
+    plain text is a condition."""
+
+    where: Condition | None = None
+    nearest: Vector | None = None
+    group: Group | None = None
 
     @model_validator(mode="after")
     def _check(self):
@@ -115,19 +119,12 @@ class ParticleSet(Table):
         return self
 
 
-class Surface(Table):
+class Surface(Chosen):
     """The pieces of the body's surface that meet a condition, or that a group of its mesh holds. A plain text is a
     condition."""
 
-    plain = "string"
-
     where: formula(condition=True, of_surface=True) | None = None
     group: Group | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _plain_text(cls, value: Any) -> Any:
-        return {"where": value} if isinstance(value, str) else value
 
     @model_validator(mode="after")
     def _check(self):
