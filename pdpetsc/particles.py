@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from pdpetsc.body.cells import Mesh
 from pdpetsc.bonds import HORIZON_TOLERANCE
 from pdpetsc.exchange import Directory, Exchange, swap
 
@@ -64,6 +65,7 @@ class Points:
         spacing: (n,) local particle spacing [length].
         horizon: (n,) delta [length].
         facets: of the same rank's particles, where tractions are to act.
+        mesh: whose cells or points they are, on the first rank alone, to be drawn.
         carried: further columns, (n,) whole numbers or (n,) and (n, m) floating-point ones, that go with the particles.
     """
 
@@ -73,6 +75,7 @@ class Points:
     spacing: np.ndarray
     horizon: np.ndarray
     facets: Facets | None = None
+    mesh: Mesh | None = None
     carried: dict[str, np.ndarray] = field(default_factory=dict)
 
 
@@ -88,7 +91,7 @@ class Particles:
         mirrors: for each of `neighbours`, the owned particles that are its ghosts, in its order.
         ghost_ranges: for each of `neighbours`, the slice of local indices of the ghosts that it owns.
         facets: of owned particles, by parent, face, place; all particles within the parent's horizon of one are local.
-        carried: of owned particles, as in Points.
+        carried: of owned particles, mesh: as in Points.
     """
 
     comm: PETSc.Comm
@@ -106,6 +109,7 @@ class Particles:
     exchange: Exchange
     facets: Facets
     carried: dict[str, np.ndarray]
+    mesh: Mesh | None
 
     @property
     def dim(self) -> int:
@@ -231,7 +235,7 @@ def _migrate(comm, points: Points, owner: np.ndarray) -> Points:
     arrived = {name: values[order] for name, values in arrived.items()}
     result = Points(**{name: arrived[name] for name in BASIC})
     result.carried = {name: arrived[name].reshape(-1, *shape) for name, (shape, _) in carried.items()}
-    result.facets = Facets.none(dim)
+    result.mesh, result.facets = points.mesh, Facets.none(dim)
     facets = points.facets
     if facets is not None:
         order = np.argsort(points.id, kind="stable")
@@ -325,5 +329,6 @@ def _with_ghosts(comm, points: Points, tolerance: float) -> Particles:
         exchange=exchange,
         facets=facets,
         carried=points.carried,
+        mesh=points.mesh,
         **{name: local(getattr(points, name)) for name in BASIC},
     )

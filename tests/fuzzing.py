@@ -31,6 +31,7 @@ from mpi4py import MPI
 
 from pdpetsc import case, catalogue
 from pdpetsc.body import meshes
+from pdpetsc.body.cells import Mesh
 from pdpetsc.body.given import forget as forget_body
 from pdpetsc.body.given import given_particles, source_of
 from pdpetsc.body.meshfile import packed
@@ -38,7 +39,9 @@ from pdpetsc.body.sheets import polygons
 from pdpetsc.census import QUICK
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import CONSTANTS, FUNCTIONS, Expression
-from pdpetsc.io import checkpoint, hdf5_check, seal, tables
+from pdpetsc.io import cells as drawn
+from pdpetsc.io import checkpoint, fields, frames, hdf5_check, seal, tables, tiles
+from pdpetsc.io.view import Section, View
 
 DATA = Path(__file__).parent / "unit" / "data" / "fuzz"
 """Inputs that once made a reader fail: READER/anything."""
@@ -543,6 +546,10 @@ def write_fields(file: h5py.File, refined: bool) -> None:
         for name in ("volume", "horizon", "spacing"):
             file[group + name] = np.ones(n)
         file[group + "vertex"] = np.arange(n, dtype=np.int32)
+    lattice = np.arange(9).reshape(3, 3)
+    corners = np.stack([lattice[:-1, :-1], lattice[1:, :-1], lattice[1:, 1:], lattice[:-1, 1:]], axis=-1).reshape(4, 4)
+    places = np.stack(np.meshgrid([0.0, 1, 2], [0.0, 1, 2], indexing="ij"), axis=-1).reshape(9, 2)
+    fields.write_mesh(file, Mesh(places, corners, np.arange(9), "points"))
     for step, n in ((1, 9), (2, 12 if refined else 9)):
         file[f"{step:05d}/u"] = np.zeros((n, 3))
         file[f"{step:05d}/damage"] = np.zeros(n)
@@ -550,7 +557,8 @@ def write_fields(file: h5py.File, refined: bool) -> None:
 
 NAMES = [
     "u", "position", "volume", "ancestor", "facets/parent", "damaged/broken_bonds", "description", "00001", "00002/u",
-    "refined", "refined/00002/spacing", "00001/damage", "vertex", "v",
+    "refined", "refined/00002/spacing", "00001/damage", "vertex", "v", "mesh", "mesh/points", "mesh/cells",
+    "mesh/particle",
 ]  # fmt: skip
 
 
@@ -609,6 +617,22 @@ def read_hdf5(kind: str) -> Callable[[bytes], None]:
     return read
 
 
+def read_and_draw(content: bytes) -> None:
+    """A field file, and what pictures of its steps are drawn from."""
+    read_hdf5("fields")(content)
+    with h5py.File(FOLDER / "fields.h5", "r") as file:
+        for step in fields.written_steps(file):
+            frame = frames.read_frame(file, step, View("u"), frames.Broken(np.ones(1, int), np.zeros((1, 2, 2))))
+            if frame.mesh is None:
+                drawn.cell_sides(frame.position, frame.spacing, frame.volume)
+            elif frame.mesh.points.shape[1] == 2:
+                places = drawn.tile_places(frame)
+                for parts in (tiles.areas(frame.mesh, places), tiles.edges(frame.mesh, places, frame.apart)):
+                    drawn.deformed_tiles(frame, 1.0, parts)
+            else:
+                drawn.surface(frame, 1.0, Section(0, 1.0))
+
+
 def changed_json(data, chance: random.Random) -> bytes:
     data = json.loads(json.dumps(data))
     for _ in range(chance.choice((1, 1, 2, 3))):
@@ -665,7 +689,9 @@ READERS = {
     "mesh": Reader(read_crack, mesh_files, apart=True),
     "body": Reader(read_body, mesh_files, apart=True),
     "checkpoint": Reader(read_hdf5("checkpoint"), hdf5_files("checkpoint"), apart=True, refusals=(hdf5_check.Damaged,)),
-    "fields": Reader(read_hdf5("fields"), hdf5_files("fields"), apart=True, refusals=(hdf5_check.Damaged,)),
+    "fields": Reader(
+        read_and_draw, hdf5_files("fields"), apart=True, refusals=(hdf5_check.Damaged, InputError)
+    ),
     "description": Reader(read_kept, descriptions),
     "summary": Reader(read_summary, summaries),
 }

@@ -10,6 +10,7 @@ Points of higher order, in the middles of edges and faces, are not looked at.
 """
 
 import re
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -42,10 +43,34 @@ KINDS = {
     "pyramid": Kind(3, 5, ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)), 3),
 }  # fmt: skip
 
+BY_CORNERS = {(kind.dim, kind.corners): kind for kind in KINDS.values()}
+
 CORNERS = {"vertex": 1, "line": 2} | {name: kind.corners for name, kind in KINDS.items()}
 
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 """Two points on [0, 1], exact to the third degree."""
+
+
+class Mesh(NamedTuple):
+    """The cells of a body, as they are drawn.
+
+    Attributes:
+        points: (points, dim) before deformation [length].
+        cells: (cells, most corners) points, in the order of their kind; -1 behind the last one.
+        particle: id of that in each cell, or on each point; -1: it was left out.
+        on: where particles are, "cells" or "points".
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    particle: np.ndarray
+    on: str
+
+    def kinds(self) -> Iterator[tuple[Kind, np.ndarray]]:
+        """The kinds of its cells, and the rows of each."""
+        corners, dim = (self.cells >= 0).sum(axis=1), self.points.shape[1]
+        for count in np.unique(corners):
+            yield BY_CORNERS[dim, int(count)], np.flatnonzero(corners == count)
 
 
 def base_name(kind: str) -> str:
@@ -115,7 +140,34 @@ def shares_of_facets(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         own = {2: 3 / 4, 3: 11 / 18}[count]  # of the barycentric coordinate of the corner
         others = (1 - own) / (count - 1)
         return area, (own - others) * corners + others * corners.sum(axis=1)[:, None]
+    parts = parts_of_corners(corners)
+    return area_vectors(parts).reshape(corners.shape), middles_of_facets(parts).reshape(corners.shape)
+
+
+def parts_of_corners(corners: np.ndarray) -> np.ndarray:
+    """What of polygons (n, corners, dim) lies towards each of their corners, (n corners, 4, dim): the corner, the
+    middles of the edges at it and that of the polygon."""
     after, before = (corners + np.roll(corners, -1, axis=1)) / 2, (corners + np.roll(corners, 1, axis=1)) / 2
     middle = np.broadcast_to(corners.mean(axis=1)[:, None], corners.shape)
-    parts = np.stack([corners, after, middle, before], axis=2).reshape(-1, 4, corners.shape[2])
-    return area_vectors(parts).reshape(corners.shape), middles_of_facets(parts).reshape(corners.shape)
+    return np.stack([corners, after, middle, before], axis=2).reshape(-1, 4, corners.shape[2])
+
+
+def facets_of(kind: Kind, cells: np.ndarray) -> np.ndarray:
+    """Points (facets of the kind, n, 2 or 4) of the facets of cells (n, corners); -1 behind the last one."""
+    return np.stack([padded(cells[:, facet], 2 if kind.dim == 2 else 4) for facet in kind.facets])
+
+
+def padded(corners: np.ndarray, width: int) -> np.ndarray:
+    """Rows of as many columns, filled up with -1."""
+    return np.pad(corners, ((0, 0), (0, width - corners.shape[1])), constant_values=-1)
+
+
+def numbered(rows: np.ndarray) -> np.ndarray:
+    """A number for each row of points, the same for those with the same ones in any order."""
+    rows = np.sort(rows, axis=1)
+    order = np.lexsort(rows.T)
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    numbers = np.empty(len(rows), np.int64)
+    numbers[order] = np.cumsum(new) - 1
+    return numbers

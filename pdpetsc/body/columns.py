@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pdpetsc.body.cells import Mesh
 from pdpetsc.errors import InputError
 from pdpetsc.particles import Facets
 
@@ -28,6 +29,7 @@ class Given(NamedTuple):
         horizon: (n,) [length], if it is given.
         member: (n, sets) mask of the groups that sets are made of.
         facets: of the surface, by parent, which is a row, if they are wanted.
+        mesh: whose cells they are, whose particles are rows.
     """
 
     number: np.ndarray
@@ -37,10 +39,11 @@ class Given(NamedTuple):
     horizon: np.ndarray | None
     member: np.ndarray
     facets: Facets | None = None
+    mesh: Mesh | None = None
 
     def rows(self, start: int, stop: int) -> "Given":
-        """Some consecutive ones, without facets."""
-        columns = (None if values is None else values[start:stop] for values in self[:-1])
+        """Some consecutive ones, without facets and mesh."""
+        columns = (None if values is None else values[start:stop] for values in self[:-2])
         return Given(*columns)
 
 

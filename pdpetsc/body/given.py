@@ -134,12 +134,13 @@ def given_particles(comm, source: Source, keep, horizon) -> Points:
                 raise InputError(f"{source.path}: has {count} particles, more than this PETSc's integers can number")
     count = comm.bcast(count)
     starts = [count * rank // comm.size for rank in range(comm.size + 1)]
-    first, given = starts[comm.rank], None
+    first, given, mesh = starts[comm.rank], None, None
     if source.in_slices:
         with collective(comm):
             given = rows_of(source, first, starts[comm.rank + 1])
     else:
-        given = _dealt(comm, whole(source) if comm.rank == 0 else None, starts)
+        read = whole(source) if comm.rank == 0 else None
+        given, mesh = _dealt(comm, read, starts), read and read.mesh
         forget()
     _check_whole(comm, source, given)
     with collective(comm):
@@ -149,6 +150,10 @@ def given_particles(comm, source: Source, keep, horizon) -> Points:
         raise InputError("body.keep: no particle is left; the condition is false everywhere")
     begin = comm.scan(n) - n
     points.id = np.arange(begin, begin + n)
+    masks = comm.gather(kept)
+    if mesh is not None:
+        left = np.concatenate(masks)
+        points.mesh = mesh._replace(particle=np.where(left, np.cumsum(left) - 1, -1)[mesh.particle])
     if given.facets is not None:
         parent = given.facets.parent - first
         facets = given.facets.chosen(kept[parent])

@@ -9,9 +9,13 @@ from pdpetsc.body.border import BORDER, GROUP_BIT
 from pdpetsc.body.cells import (
     CORNERS,
     KINDS,
+    Mesh,
     area_vectors,
     base_name,
+    facets_of,
     middles_of_facets,
+    numbered,
+    padded,
     shares_of_facets,
     volumes_and_middles,
 )
@@ -113,7 +117,8 @@ def particles_of_mesh(source) -> Given:
     if source.particles == "cells":
         spacing = smoothed(cells.volume) ** (1 / dim)
         member = np.array([of_cells for of_cells, _ in member], bool).reshape(len(member), len(spacing)).T
-        return Given(cells.number, cells.middle, cells.volume * thickness, spacing, None, member, facets)
+        mesh = _mesh(cells, points, used > 0, np.arange(len(spacing)), "cells")
+        return Given(cells.number, cells.middle, cells.volume * thickness, spacing, None, member, facets, mesh)
     share, full = np.empty_like(cells.volume), np.empty_like(cells.volume)
     for name, rows, corners in cells.parts:
         share[rows] = cells.volume[rows] / corners.shape[1]
@@ -122,7 +127,17 @@ def particles_of_mesh(source) -> Given:
     volume = np.bincount(point, share[cell], len(points))[there]
     spacing = at_points(smoothed(full))[there] ** (1 / dim)
     member = np.array([of_points[there] for _, of_points in member], bool).reshape(len(member), len(there)).T
-    return Given(there + 1, points[there], volume * thickness, spacing, None, member, facets)
+    mesh = _mesh(cells, points, used > 0, np.arange(len(there)), "points")
+    return Given(there + 1, points[there], volume * thickness, spacing, None, member, facets, mesh)
+
+
+def _mesh(cells: _Cells, points: np.ndarray, used: np.ndarray, particle: np.ndarray, on: str) -> Mesh:
+    """The cells as they are drawn, with the points that they have."""
+    width = max(corners.shape[1] for _, _, corners in cells.parts)
+    drawn, number = np.empty((len(cells.volume), width), np.int32), np.cumsum(used) - 1
+    for _, rows, corners in cells.parts:
+        drawn[rows] = padded(number[corners], width)
+    return Mesh(points[used], drawn, particle, on)
 
 
 def _points(mesh: meshio.Mesh, source) -> np.ndarray:
@@ -194,37 +209,21 @@ def _faces(mesh: meshio.Mesh, cells: _Cells, points: np.ndarray, path: str) -> _
     width = 2 if dim == 2 else 4
     owner, corners = [], []
     for name, rows, of in cells.parts:
-        for facet in KINDS[name].facets:
-            owner.append(rows)
-            corners.append(_padded(of[:, facet], width))
+        owner.append(np.tile(rows, len(KINDS[name].facets)))
+        corners.append(facets_of(KINDS[name], of).reshape(-1, width))
     owner, corners = np.concatenate(owner), np.concatenate(corners)
     blocks = {}
     for k, block in enumerate(mesh.cells):
         name = base_name(block.type)
         if block.dim == dim - 1 and name in CORNERS and len(block.data):
-            blocks[k] = _padded(np.asarray(block.data)[:, : CORNERS[name]].astype(np.int64), width)
-    keys = _numbered(np.sort(np.concatenate([corners, *blocks.values()]), axis=1))
+            blocks[k] = padded(np.asarray(block.data)[:, : CORNERS[name]].astype(np.int64), width)
+    keys = numbered(np.concatenate([corners, *blocks.values()]))
     own, *others = np.split(keys, np.cumsum([len(corners), *(len(of) for of in blocks.values())])[:-1])
     shared = np.bincount(own, minlength=keys.max() + 1)[own]
     if shared.max() > 2:
         first = cells.number[owner[shared > 2]].min()
         raise InputError(f"{path}: cell {first} shares a facet with more than one other cell; mend the mesh there")
     return _Faces(owner, corners, own, shared == 1, dict(zip(blocks, others)))
-
-
-def _padded(corners: np.ndarray, width: int) -> np.ndarray:
-    extra = np.full((len(corners), width - corners.shape[1]), -1, np.int64)
-    return np.concatenate([corners, extra], axis=1)
-
-
-def _numbered(rows: np.ndarray) -> np.ndarray:
-    """A number for each row of whole numbers, the same for equal rows."""
-    order = np.lexsort(rows.T)
-    new = np.ones(len(rows), bool)
-    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    numbers = np.empty(len(rows), np.int64)
-    numbers[order] = np.cumsum(new) - 1
-    return numbers
 
 
 def _members(

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pdpetsc.io.frames import Frame
+from pdpetsc.io.tiles import Tiles, faces
 from pdpetsc.io.view import Section
 
 HALF = 1e-6
@@ -17,16 +18,16 @@ FULL = 0.05
 """Part of the particles that are at least in whole cells, where these are those of a lattice."""
 
 OVERLAP = 1.4
-"""Width of the drawn cells of meshes, in spacings."""
+"""Width of the drawn cells of points that a file gives, in spacings."""
 
 
 def cell_sides(position: np.ndarray, spacing: np.ndarray, volume: np.ndarray) -> np.ndarray:
     """Where the sides of each particle's cell are drawn, from the particle: (n, dim, 2).
 
     A cube of the particle's volume, smaller than its spacing in cells that a border cuts. Particles on vertices, known
-    by halves, quarters and eighths of the volume where the body ends, have whole cells that end there. Cells of meshes,
-    of which few are as full as the fullest and which lie at any angle, are drawn larger than their spacing, or there
-    would be gaps.
+    by halves, quarters and eighths of the volume where the body ends, have whole cells that end there. Of points that a
+    file gives, few have cells as full as the fullest, which lie at any angle: they are drawn larger than their
+    spacing, or there would be gaps.
     """
     dim = position.shape[1]
     share = volume / spacing**dim
@@ -76,18 +77,71 @@ def free_faces(position: np.ndarray, spacing: np.ndarray, direction: np.ndarray)
     return ~hidden
 
 
+def deformed(frame: Frame, factor: float, arms: np.ndarray, particles) -> np.ndarray:
+    """Where points are drawn that move with particles, (n, points, dim).
+
+    Args:
+        factor: by which displacements are drawn enlarged.
+        arms: (n, points, dim) from the particles to the points, before deformation.
+        particles: of each row.
+    """
+    dim = arms.shape[2]
+    x = (frame.position + factor * frame.u)[particles, :dim]
+    shape = np.eye(dim) + factor * (frame.F[particles, :dim, :dim] - np.eye(dim))
+    return x[:, None] + arms @ shape.transpose(0, 2, 1)
+
+
+def tile_places(frame: Frame) -> np.ndarray:
+    """The points of a frame's mesh and their displacements, (points, 2 dim).
+
+    The displacements are those of the particles on them, or the mean of what those of the cells around would give them,
+    u + (F - 1) (X - X_i), without those whose bonds have failed if there are others.
+    """
+    mesh, dim = frame.mesh, frame.mesh.points.shape[1]
+    if mesh.on == "points" and (mesh.particle >= 0).all():
+        return np.hstack([mesh.points, frame.u[mesh.particle, :dim]])
+    there = mesh.cells >= 0
+    of = mesh.particle[:, None] if mesh.on == "cells" else np.where(there, mesh.particle[mesh.cells], -1)
+    total, weight = np.zeros_like(mesh.points), np.zeros(len(mesh.points))
+    share = np.where(np.isin(np.arange(len(frame.u)), frame.apart), 1e-9, 1.0)
+    for corner in range(mesh.cells.shape[1]):
+        for particle in of.T:
+            known = there[:, corner] & (particle >= 0)
+            point, i = mesh.cells[known, corner], particle[known]
+            arm = mesh.points[point] - frame.position[i, :dim]
+            u = frame.u[i, :dim] + np.einsum("nij,nj->ni", frame.F[i, :dim, :dim], arm) - arm
+            weight += np.bincount(point, share[i], len(weight))
+            total += np.stack([np.bincount(point, share[i] * u[:, k], len(weight)) for k in range(dim)], axis=1)
+    u = total / np.maximum(weight, np.finfo(float).tiny)[:, None]
+    if mesh.on == "points":
+        own = mesh.particle >= 0
+        u[own] = frame.u[mesh.particle[own], :dim]
+    return np.hstack([mesh.points, u])
+
+
+def deformed_tiles(frame: Frame, factor: float, tiles: Tiles) -> np.ndarray:
+    """Where the corners of tiles are drawn: moved with the points of the mesh, or with the particle where bonds of it
+    have failed, so that cracks open."""
+    dim = tiles.corners.shape[2] // 2
+    X, u = np.split(tiles.corners, 2, axis=2)
+    corners, alone = X + factor * u, np.isin(tiles.owner, frame.apart)
+    own = tiles.owner[alone]
+    corners[alone] = deformed(frame, factor, X[alone] - frame.position[own, None, :dim], own)
+    return corners
+
+
 class Surface(NamedTuple):
     """What is seen of a body of three dimensions: the free faces of its cells, deformed.
 
     Attributes:
-        corners: (n, 4, 3) of each face.
+        corners: (n, corners, 3) of each face; where there are fewer, the last one is repeated.
         values: (n,) those of its particles.
-        axis: (n,) that each face is across, before deformation.
+        normal: (n, 3) across each face, before deformation, of length one.
     """
 
     corners: np.ndarray
     values: np.ndarray
-    axis: np.ndarray
+    normal: np.ndarray
 
 
 def surface(frame: Frame, factor: float, cut: Section | None) -> Surface:
@@ -97,8 +151,12 @@ def surface(frame: Frame, factor: float, cut: Section | None) -> Surface:
         factor: by which displacements are drawn enlarged.
         cut: where cells end that a section cuts; particles beyond it are not in the frame.
     """
-    x = frame.position + factor * frame.u
-    shape = np.eye(3) + factor * (frame.F - np.eye(3))
+    if frame.mesh is not None:
+        seen = faces(frame.mesh, tile_places(frame), frame.apart, cut)
+        arms = seen.corners[..., :3] - seen.corners[:, :1, :3]
+        normal = np.cross(arms, np.roll(arms, -1, axis=1)).sum(axis=1)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+        return Surface(deformed_tiles(frame, factor, seen), frame.values[seen.owner], normal)
     sides = cell_sides(frame.position, frame.spacing, frame.volume)
     if cut is not None:
         ends = sides[:, cut.axis, cut.side]
@@ -113,7 +171,7 @@ def surface(frame: Frame, factor: float, cut: Section | None) -> Surface:
             free[whole] = free_faces(frame.position[whole], frame.spacing[whole], (2 * side - 1) * np.eye(3)[axis])
             free |= frame.torn[:, axis, side]
             cells = sides[free][:, [0, 1, 2], np.insert(square, axis, side, axis=1)]
-            corners.append(x[free, None] + cells @ shape[free].transpose(0, 2, 1))
+            corners.append(deformed(frame, factor, cells, free))
             values.append(frame.values[free])
             across.append(np.full(free.sum(), axis))
-    return Surface(*(np.concatenate(parts) for parts in (corners, values, across)))
+    return Surface(np.concatenate(corners), np.concatenate(values), np.eye(3)[np.concatenate(across)])

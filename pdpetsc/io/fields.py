@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
+from pdpetsc.body.cells import Mesh
 from pdpetsc.errors import InputError
 from pdpetsc.io.blocks import write_field
 from pdpetsc.io.shared_file import SharedFile, open_file
@@ -19,6 +20,8 @@ from pdpetsc.recover import Recovery
 
 XDMF, HDF5, ASIDE = "fields.xdmf", "fields.h5", "fields.damaged"
 BODY = ("position", "volume", "horizon", "spacing")
+MESH = "mesh"
+"""Group of the cells that particles were made of."""
 REFINED = "refined"
 """Group of the bodies after refinements, each by the first step of which there are fields on it."""
 
@@ -27,9 +30,10 @@ class FieldWriter:
     """Writes the fields of load steps, one after the other.
 
     The file holds, in the order of the particles' ids, `position` (N, 3), `volume`, `horizon`, `spacing` and a group
-    for each step with vectors as (N, 3) and tensors as (N, 9). A refined body is in a group refined/STEP with the
-    particles of the steps from that one on, and the ids that they were split from (`parent`). The file is closed
-    between steps; `steps` has their times. One of an earlier run that cannot be read is set aside.
+    for each step with vectors as (N, 3) and tensors as (N, 9); of a body from a mesh, a group `mesh` of its cells. A
+    refined body is in a group refined/STEP with the particles of the steps from that one on, and the ids that they were
+    split from (`parent`). The file is closed between steps; `steps` has their times. One of an earlier run that cannot
+    be read is set aside.
 
     Args:
         directory: existing result directory.
@@ -55,6 +59,8 @@ class FieldWriter:
             warn(particles.comm, f"{directory / HDF5}: is damaged; it is now {ASIDE}, and a new one is begun")
         with open_file(particles.comm, directory / HDF5, "w") as file:
             self._write_body(file, "")
+            if particles.mesh is not None and file.file is not None:
+                write_mesh(file.file, particles.mesh)
 
     def _write_body(self, file: SharedFile, group: str) -> None:
         p = self._particles
@@ -131,6 +137,22 @@ def body_of(file: h5py.File, step: int) -> str:
     """The group, with a slash, that holds the particles of a step."""
     names = [name for name in file.get(REFINED, ()) if int(name) <= step]
     return f"{REFINED}/{max(names, key=int)}/" if names else ""
+
+
+def write_mesh(file: h5py.File, mesh: Mesh) -> None:
+    """Add a mesh to a field file: `points` (points, dim), `cells` and `particle` as in Mesh, `on` as an attribute."""
+    group = file.create_group(MESH)
+    group.attrs["on"] = mesh.on
+    group["points"] = mesh.points
+    group["cells"], group["particle"] = (values.astype(np.int32) for values in (mesh.cells, mesh.particle))
+
+
+def read_mesh(file: h5py.File) -> Mesh | None:
+    """That of a field file; None: its particles are no cells or points of a mesh."""
+    if MESH not in file:
+        return None
+    group = file[MESH]
+    return Mesh(*(group[name][...] for name in ("points", "cells", "particle")), group.attrs["on"])
 
 
 def _for_visualisation(values: np.ndarray) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from pdpetsc.io.cells import cell_sides
+from pdpetsc.io.cells import cell_sides, deformed, deformed_tiles, tile_places
 from pdpetsc.io.frames import Frame, Range
+from pdpetsc.io.tiles import areas, edges
 
 MARGIN = 0.02
 """Of the body's size, that is left round it."""
@@ -41,17 +42,24 @@ def draw_plane(axes, frame: Frame, common: Range, colours: str, torn: bool):
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    shape = np.eye(2) + common.factor * (frame.F[:, :2, :2] - np.eye(2))
-    x = (frame.position + common.factor * frame.u)[:, :2]
-    sides = cell_sides(frame.position[:, :2], frame.spacing, frame.volume)
-    corners = x[:, None] + sides[:, [0, 1], CORNERS] @ shape.transpose(0, 2, 1)
+    if frame.mesh is None:
+        sides = cell_sides(frame.position[:, :2], frame.spacing, frame.volume)
+        corners = deformed(frame, common.factor, sides[:, [0, 1], CORNERS], slice(None))
+        values = frame.values
+    else:
+        places = tile_places(frame)
+        parts = areas(frame.mesh, places)
+        corners, values = deformed_tiles(frame, common.factor, parts), frame.values[parts.owner]
     cells = PolyCollection(
-        corners, array=frame.values, cmap=colours, edgecolors="face", linewidths=0.5,
+        corners, array=values, cmap=colours, edgecolors="face", linewidths=0.5,
         snap=False,  # no white lines where pixels fall between cells
     )  # fmt: skip
     axes.add_collection(cells)
     if torn:
-        cracks = [corners[frame.torn[:, axis, side]][:, ends] for (axis, side), ends in EDGES.items()]
+        if frame.mesh is None:
+            cracks = [corners[frame.torn[:, axis, side]][:, ends] for (axis, side), ends in EDGES.items()]
+        else:
+            cracks = [deformed_tiles(frame, common.factor, edges(frame.mesh, places, frame.apart))]
         axes.add_collection(LineCollection(np.concatenate(cracks), colors="black", linewidths=0.8))
     border = MARGIN * max((common.high - common.low)[:2])
     for axis, low, high in zip("xy", common.low, common.high):

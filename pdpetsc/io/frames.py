@@ -8,8 +8,10 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
+from pdpetsc.body.cells import Mesh
 from pdpetsc.errors import InputError
-from pdpetsc.io.fields import HDF5, body_of, written_steps
+from pdpetsc.io.fields import HDF5, body_of, read_mesh, written_steps
+from pdpetsc.io.tiles import reached
 from pdpetsc.io.view import Section, View
 from pdpetsc.quantities import AXES, QUANTITIES, component, scalar
 
@@ -25,6 +27,8 @@ class Frame(NamedTuple):
 
     Attributes:
         torn: (n, 3, 2) whether the bond to the next particle has failed, in each direction of the axes, - and +.
+        mesh: whose cells or points the particles are; None: they are those of a lattice, or a cloud.
+        apart: (k, 2) particles of a mesh whose bonds have failed.
     """
 
     position: np.ndarray
@@ -34,6 +38,8 @@ class Frame(NamedTuple):
     F: np.ndarray
     values: np.ndarray
     torn: np.ndarray
+    mesh: Mesh | None
+    apart: np.ndarray
 
 
 class Range(NamedTuple):
@@ -137,13 +143,16 @@ def read_frame(file: h5py.File, step: str, view: View, broken: Broken | None = N
     F = group["F"][...].reshape(-1, 3, 3) if "F" in group else np.eye(3)[None].repeat(len(u), axis=0)
     body = body_of(file, int(step))
     position, spacing, volume = (file[body + name][...] for name in ("position", "spacing", "volume"))
-    torn = torn_faces(position, spacing, broken, int(step))
-    frame = Frame(position, spacing, volume, u, F, shown_values(view, group[view.field][...]), torn)
+    mesh = None if body else read_mesh(file)
+    failed = None if broken is None else broken.ends[broken.step <= int(step)]
+    torn = torn_faces(position, spacing, None if mesh else failed)
+    apart = failed_pairs(position, spacing, failed if mesh else None)
+    frame = Frame(position, spacing, volume, u, F, shown_values(view, group[view.field][...]), torn, mesh, apart)
     return frame if view.section is None else behind(frame, view.section)
 
 
 def behind(frame: Frame, section: Section) -> Frame:
-    """The particles with cells behind a plane, as seen by the viewer.
+    """The particles with cells behind a plane, as seen by the viewer; all those of a mesh, of others without values.
 
     Raises:
         InputError: the plane misses the body.
@@ -155,7 +164,10 @@ def behind(frame: Frame, section: Section) -> Frame:
         X, half, axis = frame.position[:, section.axis], frame.spacing / 2, AXES[section.axis]
         low, high = (X - half).min(), (X + half).max()
         raise InputError(f"--section {axis}={section.at:g}: misses the body, which goes from {low:g} to {high:g}")
-    return Frame(*(values[kept] for values in frame))
+    if frame.mesh is not None:
+        return frame._replace(values=np.where(reached(frame.mesh, len(frame.values), section), frame.values, np.nan))
+    particles = {name: values[kept] for name, values in frame._asdict().items() if name not in ("mesh", "apart")}
+    return frame._replace(**particles)
 
 
 def shown_values(view: View, values: np.ndarray) -> np.ndarray:
@@ -165,24 +177,41 @@ def shown_values(view: View, values: np.ndarray) -> np.ndarray:
     return component(values.reshape(-1, 3, 3) if QUANTITIES[view.field].rank == 2 else values, view.component)
 
 
-def torn_faces(position: np.ndarray, spacing: np.ndarray, broken: Broken | None, step: int) -> np.ndarray:
-    """Which faces of the particles' cells have come apart by a step: those towards a next particle of the lattice whose
-    bond has failed, (n, 3, 2)."""
-    torn = np.zeros((len(position), 3, 2), bool)
-    if broken is None or not len(broken.step):
-        return torn
-    from scipy.spatial import cKDTree
+def torn_faces(position: np.ndarray, spacing: np.ndarray, failed: np.ndarray | None) -> np.ndarray:
+    """Which faces of the particles' cells have come apart: those towards a next particle of the lattice whose bond has
+    failed, (n, 3, 2).
 
-    dim = broken.ends.shape[2]
-    ends = broken.ends[broken.step <= step]
-    distance, i = cKDTree(position[:, :dim]).query(ends[:, 0])
-    bond = ends[:, 1] - ends[:, 0]
+    Args:
+        failed: (k, 2, dim) ends of bonds.
+    """
+    torn = np.zeros((len(position), 3, 2), bool)
+    if failed is None or not len(failed):
+        return torn
+    i, near = _nearest(position, spacing, failed[:, 0])
+    bond = failed[:, 1] - failed[:, 0]
     length = np.sqrt((bond**2).sum(axis=1))
-    known = (distance < spacing[i] / 4) & (length < NEAREST * spacing[i])  # those of particles that were split are not
+    known = near & (length < NEAREST * spacing[i])
     i, bond = i[known], bond[known]
     axis = np.abs(bond).argmax(axis=1)
     torn[i, axis, (bond[np.arange(len(bond)), axis] > 0).astype(int)] = True
     return torn
+
+
+def failed_pairs(position: np.ndarray, spacing: np.ndarray, failed: np.ndarray | None) -> np.ndarray:
+    """The particles at the ends (k, 2, dim) of bonds, (k, 2)."""
+    if failed is None or not len(failed):
+        return np.empty((0, 2), np.int64)
+    (i, near), (j, there) = (_nearest(position, spacing, failed[:, end]) for end in (0, 1))
+    return np.stack([i, j], axis=1)[near & there]
+
+
+def _nearest(position: np.ndarray, spacing: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The particle nearest to each place, and whether it is there: those that were split are not."""
+    from scipy.spatial import cKDTree
+
+    distance, i = cKDTree(position[:, : place.shape[1]]).query(place)
+    i = np.minimum(i, len(position) - 1)  # where none is at a finite distance
+    return i, distance < spacing[i] / 4
 
 
 def common_range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:

@@ -24,6 +24,8 @@ BODY = {"position": 3, "volume": None, "horizon": None, "spacing": None}
 """Of a field file, with their columns."""
 COLUMNS = (None, 3, 9)
 """That a field may have."""
+CELLS = {2: (3, 4), 3: (4, 5, 6, 8)}
+"""How many corners the cells of a mesh may have in so many dimensions."""
 
 
 class Damaged(ValueError):
@@ -128,7 +130,9 @@ def check_bodies(file: h5py.File) -> tuple[dict[int, int], list[str]]:
         refined = entry(file, "refined", h5py.Group)
         for name in refined:
             counts[number(name)] = check_body(entry(refined, name, h5py.Group))
-    steps = [name for name in file if name not in (*BODY, "vertex", "refined")]
+    if "mesh" in file:
+        check_mesh(entry(file, "mesh", h5py.Group), counts[0])
+    steps = [name for name in file if name not in (*BODY, "vertex", "refined", "mesh")]
     for name in steps:
         number(name)
         entry(file, name, h5py.Group)
@@ -152,6 +156,23 @@ def check_fields(file: h5py.File) -> None:
             wrong = columns not in COLUMNS or (field == "u" and columns != 3)
             if data.ndim not in (1, 2) or len(data) != count or wrong:
                 raise Damaged(f"{name}/{field} has the shape {data.shape}")
+
+
+def check_mesh(group: h5py.Group, count: int) -> None:
+    """See that the cells of a mesh have corners among its points, and particles of the body."""
+    points = shaped(group, "points", "f", None, None)
+    check_values(points)
+    cells, on = shaped(group, "cells", "i", None, None), group.attrs["on"]
+    known = CELLS.get(points.shape[1], ())
+    if not known or cells.shape[1] > max(known) or on not in ("cells", "points"):
+        raise Damaged(f"mesh/points has the shape {points.shape}, mesh/cells {cells.shape}, of {on}")
+    check_values(cells, -1, len(points) - 1)
+    for first in range(0, len(cells), ROWS):
+        there = cells[first : first + ROWS] >= 0
+        corners = there.sum(axis=1)
+        if not np.isin(corners, known).all() or (there != (np.arange(there.shape[1]) < corners[:, None])).any():
+            raise Damaged("mesh/cells holds cells that are none")
+    check_values(shaped(group, "particle", "i", len(cells if on == "cells" else points)), -1, count - 1)
 
 
 def check_body(group: h5py.Group) -> int:

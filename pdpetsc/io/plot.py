@@ -163,7 +163,8 @@ def _solid(figure, frame: Frame, common: Range, summary: dict, view: View, image
     axes = figure.add_subplot()
     axes.imshow(image)
     axes.set(xticks=[], yticks=[], frame_on=False)
-    sizes = np.ptp(frame.position, axis=0) + frame.spacing.max()
+    ends = frame.position if frame.mesh is None else frame.mesh.points
+    sizes = np.ptp(ends, axis=0) + (frame.spacing.max() if frame.mesh is None else 0)
     axes.set_xlabel(f"{' x '.join(f'{size:.3g}' for size in sizes)} {summary['units']['length']}", parse_math=False)
     return axes, ScalarMappable(cmap=_colours(common)), dict(shrink=0.8, pad=0.03)
 

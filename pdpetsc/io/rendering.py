@@ -68,8 +68,7 @@ def _main(folder: str, colours: str) -> None:
     for path in sorted(Path(folder).glob("0*.npz")):
         with np.load(path) as file:
             corners, values = file["corners"], file["values"]
-        faces = np.insert(np.arange(4 * len(corners)).reshape(-1, 4), 0, 4, axis=1)
-        body = pyvista.PolyData(corners.reshape(-1, 3), faces.ravel())
+        body = pyvista.PolyData(corners.reshape(-1, 3), _polygons(corners))
         plotter = pyvista.Plotter(off_screen=True, window_size=(round(scale * width), round(scale * height)))
         plotter.set_background("white")
         plotter.add_mesh(
@@ -86,6 +85,17 @@ def _main(folder: str, colours: str) -> None:
         plotter.enable_anti_aliasing("ssaa")
         plotter.screenshot(path.with_suffix(".png"), return_img=False)
         plotter.close()
+
+
+def _polygons(corners: np.ndarray) -> np.ndarray:
+    """For each of n polygons the number of its corners and which they are, one after the other, without the repeated
+    ones at the end."""
+    n, most, _ = corners.shape
+    new = np.ones((n, most), bool)
+    new[:, 1:] = (corners[:, 1:] != corners[:, :-1]).any(axis=2)
+    count = most - np.argmax(new[:, ::-1], axis=1)
+    rows = np.insert(np.arange(n * most).reshape(n, most), 0, count, axis=1)
+    return rows[np.arange(-1, most) < count[:, None]]
 
 
 def _seen_size(size: np.ndarray) -> tuple[float, float]:

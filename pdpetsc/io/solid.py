@@ -22,7 +22,7 @@ def draw_solid(axes, seen: Surface, common: Range, colours: str, length: str):
 
     mapped = ScalarMappable(Normalize(*common.values), colours)
     shaded = mapped.to_rgba(seen.values)
-    shaded[:, :3] *= BRIGHTNESS[seen.axis, None]
+    shaded[:, :3] *= (seen.normal**2 @ BRIGHTNESS)[:, None]
     axes.add_collection3d(Poly3DCollection(seen.corners, facecolors=shaded, edgecolors=shaded, linewidths=0.1))
     axes.set(**{f"{axis}lim": ends for axis, ends in zip("xyz", zip(common.low, common.high), strict=True)})
     axes.set_box_aspect(common.high - common.low)

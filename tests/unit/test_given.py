@@ -6,6 +6,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from meshed import MESHED, block, meshed, tetrahedra
 from petsc4py import PETSc
 
 from pdpetsc.body import meshes, meshfile
@@ -34,26 +35,6 @@ VOLUMES = {
 def case_of(body: dict, **tables) -> Case:
     document = {"body": {"horizon": 3.015} | body, "material": STEEL} | tables
     return Case.from_document(document, "part", None, "part.toml", False)
-
-
-def block(counts: tuple[int, ...], warp: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Points and cells, quadrilaterals or hexahedra, of the unit square or cube; `warp` moves the points inside."""
-    axes = np.meshgrid(*(np.linspace(0, 1, n + 1) for n in counts), indexing="ij")
-    points = np.stack(axes, axis=-1).reshape(-1, len(counts))
-    inside = np.prod(np.sin(np.pi * points), axis=1)[:, None] * (1 if warp else 0)
-    points = points + warp * inside * np.sin(5 * points[:, ::-1])
-    n = np.arange(len(points)).reshape([c + 1 for c in counts])
-    corner = {0: slice(None, -1), 1: slice(1, None)}
-    order = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    if len(counts) == 3:
-        order = [(*xy, z) for z in (0, 1) for xy in order]
-    return points, np.stack([n[tuple(corner[k] for k in at)].ravel() for at in order], axis=1)
-
-
-def tetrahedra(cells: np.ndarray) -> np.ndarray:
-    """Six of each hexahedron, around the diagonal from its first corner to the opposite one."""
-    around = [1, 2, 3, 7, 4, 5]
-    return np.concatenate([cells[:, [0, a, b, 6]] for a, b in zip(around, around[1:] + around[:1])])
 
 
 def facets_on(points: np.ndarray, cells: np.ndarray, kind: str, axis: int, value: float) -> np.ndarray:
@@ -152,26 +133,12 @@ def test_shares_of_facets(count):
 
 
 @pytest.mark.parametrize("particles", ["cells", "vertices"])
-@pytest.mark.parametrize("kind", ["tetra", "hexahedron", "triangle", "quad", "mixed"])
+@pytest.mark.parametrize("kind", MESHED)
 def test_a_mesh_fills_its_body(kind, particles, tmp_path):
     """Volumes add up to that of the body, areas of its surface close, and both together give the volume again."""
-    dim = 2 if kind in ("triangle", "quad") else 3
-    points, cells = block((5, 4, 3)[:dim], warp=0.05)
-    if kind == "triangle":
-        parts = [("triangle", np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]]))]
-    elif kind == "tetra":
-        parts = [("tetra", tetrahedra(cells))]
-    elif kind == "mixed":  # wedges below, pyramids around a point above, hexahedra between
-        upper = points[cells][:, :, 0].mean(axis=1) > 0.75
-        middle = points[cells][:, :, 0].mean(axis=1) < 0.25
-        wedges = np.concatenate([cells[middle][:, [0, 1, 2, 4, 5, 6]], cells[middle][:, [0, 2, 3, 4, 6, 7]]])
-        top = len(points) + np.arange(upper.sum())
-        points = np.concatenate([points, points[cells[upper]].mean(axis=1)])
-        pyramids = [np.c_[cells[upper][:, face], top] for face in np.array(KINDS["hexahedron"].facets)[:, ::-1]]
-        parts = [("hexahedron", cells[~upper & ~middle]), ("wedge", wedges), ("pyramid", np.concatenate(pyramids))]
-    else:
-        parts = [(kind, cells)]
-    path = written(tmp_path / "part.vtu", meshio.Mesh(np.c_[points, np.zeros((len(points), 3 - dim))], parts))
+    mesh = meshed(kind)
+    dim = mesh.cells[0].dim
+    path = written(tmp_path / "part.vtu", mesh)
     given = given_by(path, dimension=dim, particles=particles, scale=2.0)
     size = 2.0**dim
     assert given.volume.sum() == pytest.approx(size, rel=1e-13)

@@ -14,7 +14,7 @@ from pdpetsc.errors import InputError
 from pdpetsc.io import plot, rendering, tables
 from pdpetsc.io.cells import surface
 from pdpetsc.io.curves import convergence, plot_convergence, plot_curve
-from pdpetsc.io.frames import Broken, common_range, open_fields, read_frame, torn_faces
+from pdpetsc.io.frames import common_range, open_fields, read_frame, torn_faces
 from pdpetsc.io.plot import picture, plot_result
 from pdpetsc.io.view import Section, View, check, section
 
@@ -133,11 +133,10 @@ def test_cells_come_apart_where_next_bonds_have_failed(tmp_path):
     made(tmp_path, 2)
     X = np.array([[x + 0.5, y + 0.5, 0.0] for y in range(6) for x in range(8)])
     pairs = [[[2.5, 2.5], [3.5, 2.5]], [[3.5, 2.5], [2.5, 2.5]], [[2.5, 2.5], [3.5, 3.5]], [[0.5, 0.5], [0.5, 1.5]]]
-    broken = Broken(np.array([1, 1, 1, 2]), np.array(pairs))
-    torn = torn_faces(X, np.ones(48), broken, 1)
+    torn = torn_faces(X, np.ones(48), np.array(pairs[:3]))
     assert {tuple(found) for found in np.argwhere(torn).tolist()} == {(18, 0, 1), (19, 0, 0)}
-    assert torn_faces(X, np.ones(48), broken, 2).sum() == 3
-    assert not torn_faces(X, np.ones(48), None, 2).any()
+    assert torn_faces(X, np.ones(48), np.array(pairs)).sum() == 3
+    assert not torn_faces(X, np.ones(48), None).any()
 
 
 def test_cracks_are_black(tmp_path):
