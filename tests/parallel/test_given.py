@@ -16,6 +16,7 @@ from pdpetsc.building import distributed_particles
 from pdpetsc.case import Case
 from pdpetsc.catalogue import BUNDLED
 from pdpetsc.errors import InputError
+from pdpetsc.io.fields import HDF5, FieldWriter, read_mesh
 
 ONE = {
     "middle": 0.005842472689375483,
@@ -149,3 +150,24 @@ def test_a_run(comm, shared_tmp_path, monkeypatch):
     for name, value in ONE.items():
         assert np.array(probes[name]) == pytest.approx(np.array(value), rel=1e-7, abs=1e-12)
     assert (out / "result.png").exists()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("particles", ["cells", "vertices"])
+def test_pictures_have_the_mesh(comm, shared_tmp_path, particles):
+    """The fields of a body from a mesh hold its cells, each with the particle in it or those on its corners."""
+    body = SHEET["body"] | {"particles": particles, "keep": "X > -2"}
+    p = distributed_particles(PETSc.COMM_WORLD, case_of(body=body))
+    place = whole(comm, p, p.position[: p.owned])
+    assert (p.mesh is None) == (comm.rank > 0)
+    FieldWriter(shared_tmp_path, p, {}, ("u",))
+    with h5py.File(shared_tmp_path / HDF5, "r") as file:
+        mesh = read_mesh(file)
+        position = file["position"][:, :2]
+    comm.Barrier()
+    assert np.array_equal(position, place)
+    middle = mesh.points[mesh.cells].mean(axis=1) if particles == "cells" else mesh.points
+    there = mesh.particle >= 0
+    assert np.array_equal(mesh.particle[there], np.arange(p.count)) and 0 < p.count < len(there)
+    assert place == pytest.approx(middle[there])
+    assert np.array_equal(there, middle[:, 0] > -2)
