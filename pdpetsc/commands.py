@@ -81,11 +81,11 @@ COMMANDS = {
     "new": Command(
         "[NAME.toml]",
         "Write a commented case file that runs as it is, from options or, on a terminal, from questions "
-        "(Enter takes what stands in brackets).",
+        "(Enter takes what stands in brackets). Without a name it is my_case.toml.",
         (
             ("pdpetsc new", "asks what the case is to be"),
             ("pdpetsc new bar.toml --dim 1 --kind motion", "a wave in a bar"),
-            ("pdpetsc new notch.toml --kind fracture --model bond --size 0.2,0.1", ""),
+            ("pdpetsc new notch.toml --kind fracture --model bond --units mm --size 200,100", ""),
         ),
         alone=True,
     ),
@@ -149,10 +149,12 @@ OPTIONS = {
     "--dim": Option(("new",), "of the body (default: as many as --size has, else 2)", "N", ("1", "2", "3")),
     "--model": Option(("new",), "of the material (default: correspondence)", "MODEL",
                       ("abd", "bond", "correspondence", "ordinary")),
-    "--size": Option(("new",), "lengths of the body's sides, as 0.1,0.04 [m]", "X,Y,Z"),
-    "--E": Option(("new",), "Young's modulus [Pa]", "NUMBER"),
+    "--units": Option(("new",), "of all numbers: m with N, s, Pa, or mm with N, s, MPa (default: m)", "UNITS",
+                      ("m", "mm")),
+    "--size": Option(("new",), "lengths of the body's sides, as 0.1,0.04", "X,Y,Z"),
+    "--E": Option(("new",), "Young's modulus", "NUMBER"),
     "--nu": Option(("new",), "Poisson's ratio; not for bond, which has a fixed one", "NUMBER"),
-    "--hole": Option(("new",), "radius of a round hole in the middle [m]; 0 for none", "R"),
+    "--hole": Option(("new",), "radius of a round hole in the middle; 0 for none", "R"),
     "--schema": Option(("new",), "write the schema for editors beside the case, too"),
     "--force": Option(("new",), "replace a file that is there"),
 }  # fmt: skip

@@ -6,6 +6,9 @@ reach every collective in it. `@pytest.mark.mpi(min_size=2)` skips it on fewer r
 that fails on one rank fails on all, and one that some rank never leaves ends the whole job and shows where it stood.
 
 Every other test runs once, on one process. Those that need ranks start their own, with the fixture `run_pdpetsc`.
+
+With EVERY=1 in the environment all tests run. Without it those marked `slow` do not, of an `mpi` test with three and
+more variants 2 ranks take every other one and 3 ranks the others, and models.py leaves out dimensions of most models.
 """
 
 import faulthandler
@@ -15,10 +18,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+EVERY = bool(os.environ.get("EVERY"))
 UNDER_MPIRUN = any(name in os.environ for name in ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK"))
 SECONDS_PER_TEST = float(os.environ.get("TEST_SECONDS", 180))  # under mpirun: then the ranks are taken to be deadlocked
 SECONDS_TO_FOLLOW = 20.0  # that the other ranks get to come out of a test which has failed on this one
@@ -148,16 +153,26 @@ def wait(job: subprocess.Popen, limit: float) -> bool:
 
 
 def pytest_collection_modifyitems(items):
-    """Under mpirun only tests marked `mpi` run, and only on as many ranks as they ask for."""
-    if not UNDER_MPIRUN and not any(item.get_closest_marker("mpi") for item in items):
-        return
+    """Under mpirun only tests marked `mpi` run, and only on as many ranks as they ask for; see EVERY above."""
     size = number_of_ranks()
+    variants = Counter(function_of(item) for item in items)
+    seen: Counter = Counter()
     for item in items:
-        marker = item.get_closest_marker("mpi")
+        marker, function = item.get_closest_marker("mpi"), function_of(item)
+        seen[function] += 1
         if marker and marker.kwargs.get("min_size", 1) > size:
             item.add_marker(pytest.mark.skip(reason=f"needs {marker.kwargs['min_size']} ranks"))
         elif UNDER_MPIRUN and not marker:
             item.add_marker(pytest.mark.skip(reason="not marked mpi"))
+        elif not EVERY and item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.skip(reason="slow: runs with EVERY=1"))
+        elif not EVERY and size > 1 and variants[function] > 2 and seen[function] % 2 != size % 2:
+            item.add_marker(pytest.mark.skip(reason="another number of ranks takes this variant, all do with EVERY=1"))
+
+
+def function_of(item) -> str:
+    """What the variants of a test have in common."""
+    return item.nodeid.partition("[")[0]
 
 
 def number_of_ranks() -> int:

@@ -29,8 +29,8 @@ import tomli_w
 from hypothesis import strategies as st
 from mpi4py import MPI
 
-from pdpetsc import case, catalogue
-from pdpetsc.body import meshes
+from pdpetsc import case, catalogue, hdf5_check
+from pdpetsc.body import clouds, meshes
 from pdpetsc.body.cells import Mesh
 from pdpetsc.body.given import forget as forget_body
 from pdpetsc.body.given import given_particles, source_of
@@ -40,7 +40,7 @@ from pdpetsc.census import QUICK
 from pdpetsc.errors import InputError
 from pdpetsc.expressions import CONSTANTS, FUNCTIONS, Expression
 from pdpetsc.io import cells as drawn
-from pdpetsc.io import checkpoint, fields, frames, hdf5_check, seal, tables, tiles
+from pdpetsc.io import checkpoint, fields, frames, seal, tables, tiles
 from pdpetsc.io.view import Section, View
 
 DATA = Path(__file__).parent / "unit" / "data" / "fuzz"
@@ -506,7 +506,7 @@ def read_here(path: str):
 @cache
 def result_files() -> dict[str, list[bytes]]:
     """Checkpoints and field files like ours, small ones."""
-    path, found = FOLDER / "result.h5", {"checkpoint": [], "fields": []}
+    path, found = FOLDER / "result.h5", {"checkpoint": [], "fields": [], "points": []}
     for refined in (False, True):
         with h5py.File(path, "w") as file:
             write_checkpoint(file, refined)
@@ -514,7 +514,17 @@ def result_files() -> dict[str, list[bytes]]:
         with h5py.File(path, "w") as file:
             write_fields(file, refined)
         found["fields"].append(path.read_bytes())
+        with h5py.File(path, "w") as file:
+            write_points(file, {"compression": "gzip"} if refined else {})
+        found["points"].append(path.read_bytes())
     return found
+
+
+def write_points(file: h5py.File, stored: dict) -> None:
+    file.create_dataset("position", data=np.arange(18.0).reshape(9, 2), **stored)
+    for name in ("volume", "horizon", "spacing"):
+        file.create_dataset(name, data=np.ones(9), **stored)
+    file["set"] = ["left"] * 4 + ["right"] * 5
 
 
 def write_checkpoint(file: h5py.File, refined: bool) -> None:
@@ -558,7 +568,7 @@ def write_fields(file: h5py.File, refined: bool) -> None:
 NAMES = [
     "u", "position", "volume", "ancestor", "facets/parent", "damaged/broken_bonds", "description", "00001", "00002/u",
     "refined", "refined/00002/spacing", "00001/damage", "vertex", "v", "mesh", "mesh/points", "mesh/cells",
-    "mesh/particle",
+    "mesh/particle", "horizon", "spacing", "set",
 ]  # fmt: skip
 
 
@@ -615,6 +625,19 @@ def read_hdf5(kind: str) -> Callable[[bytes], None]:
         hdf5_check.check(str(path), kind)
 
     return read
+
+
+def read_points(content: bytes) -> None:
+    """A body of points in HDF5, looked into as by the process of its own, which here is none."""
+    read_hdf5("points")(content)
+    before, clouds.read_apart = clouds.read_apart, lambda script, path, kind: b""
+    try:
+        body = {"points": str(FOLDER / "points.h5"), "dimension": 2, "horizon": 2.015}
+        material = {"soft": {"model": "ordinary", "E": 1.0, "nu": 0.25}}
+        source = source_of(case.load({"body": body, "material": material, "sets": {"some": {"group": "left"}}}))
+        given_particles(MPI.COMM_SELF, source, None, lambda X, spacing, of_file: 2 * spacing)
+    finally:
+        clouds.read_apart = before
 
 
 def read_and_draw(content: bytes) -> None:
@@ -692,6 +715,7 @@ READERS = {
     "fields": Reader(
         read_and_draw, hdf5_files("fields"), apart=True, refusals=(hdf5_check.Damaged, InputError)
     ),
+    "points": Reader(read_points, hdf5_files("points"), apart=True, refusals=(hdf5_check.Damaged, InputError)),
     "description": Reader(read_kept, descriptions),
     "summary": Reader(read_summary, summaries),
 }

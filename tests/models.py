@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from conftest import EVERY
 
 from pdpetsc.bonds import find_families
 from pdpetsc.materials.base import Material, Neighbourhood
@@ -93,12 +94,21 @@ MODELS = [
 NAMES = [model.name for model in MODELS]
 
 
+ALWAYS = ("hencky-silling", "bond", "ordinary", "abd")
+"""Models that are tested in all dimensions; of others, whose kernels take long to compile, each run takes one."""
+
+
 @pytest.fixture(autouse=True)
 def dimensions_of_the_model(request):
-    """Skip a model in dimensions in which it is not defined; acts on the modules that import it."""
+    """Skip a model in dimensions in which it is not defined, and without EVERY=1 in most; acts on the modules that
+    import it."""
     given = getattr(request.node, "callspec", None)
-    if given and "row" in given.params and given.params.get("dim", 2) not in given.params["row"].dims:
-        pytest.skip("the model is not defined in this dimension")
+    if given and "row" in given.params and "dim" in given.params:
+        row, dim = given.params["row"], given.params["dim"]
+        if dim not in row.dims:
+            pytest.skip("the model is not defined in this dimension")
+        if not EVERY and row.name not in ALWAYS and dim != row.dims[NAMES.index(row.name) % len(row.dims)]:
+            pytest.skip("another dimension is enough; all run with EVERY=1")
 
 
 def model(name: str) -> Model:

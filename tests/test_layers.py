@@ -14,8 +14,8 @@ LONGEST = 350  # lines of a room
 # From left to right; a room may import from its own layer and from those before it.
 LAYERS = (
     (
-        "errors", "apart", "toml", "expressions", "quantities", "units", "timings", "terminal", "events", "signals",
-        "parallel", "options", "memory",
+        "errors", "apart", "hdf5_check", "toml", "expressions", "quantities", "units", "timings", "terminal", "events",
+        "signals", "parallel", "options", "memory",
     ),
     (
         "body",

@@ -7,6 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from pdpetsc import hdf5_check
+from pdpetsc.apart import read_apart
 from pdpetsc.body.columns import Given, checked_apart, checked_positions, checked_positive
 from pdpetsc.body.meshes import read_mesh
 from pdpetsc.errors import InputError
@@ -40,11 +42,13 @@ def points_of_file(source) -> Given:
 
 
 def count_of_hdf5(path: str) -> int:
-    """How many particles there are.
+    """How many particles there are, of a file that has been read once in a process of its own.
 
     Raises:
-        InputError: there are none.
+        InputError: there are none, or it cannot be read.
     """
+    if Path(path).is_file():
+        read_apart(Path(hdf5_check.__file__), path, "points")
     if rows := len(_opened(path, lambda file: file["volume"])):
         return rows
     raise InputError(f"{path}: volume has no rows, so there is no particle")
@@ -62,11 +66,14 @@ def points_of_hdf5(source, start: int, stop: int) -> Given:
         for name in ("volume", *OPTIONAL, "set"):
             if name in file:
                 data = file[name]
+                text = h5py.check_string_dtype(data.dtype)
+                if data.ndim != 1 or not (data.dtype.kind in "biuf" or (text and name == "set")):
+                    raise InputError(f"{source.path}: {name} is no column of numbers{' or text' * (name == 'set')}")
                 if len(data) != len(file["volume"]):
                     raise InputError(f"{source.path}: {name} has {len(data)} rows, volume {len(file['volume'])}")
-                columns[name] = (data.asstr() if h5py.check_string_dtype(data.dtype) else data)[start:stop]
+                columns[name] = (data.asstr() if text else data)[start:stop]
         position = file["position"][start:stop]
-        if len(file["position"]) != len(file["volume"]) or position.ndim != 2:
+        if len(file["position"]) != len(file["volume"]) or position.ndim != 2 or position.dtype.kind not in "iuf":
             raise InputError(f"{source.path}: position has the shape {file['position'].shape}, not (rows, dimensions)")
         return columns | dict(zip(AXES, position.T)), dict(zip(AXES, file["position"][0]))
 

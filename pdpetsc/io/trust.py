@@ -3,9 +3,9 @@
 from contextlib import contextmanager
 from pathlib import Path
 
+from pdpetsc import hdf5_check
 from pdpetsc.apart import read_apart
 from pdpetsc.errors import InputError
-from pdpetsc.io import hdf5_check
 from pdpetsc.io.tables import is_ours
 
 

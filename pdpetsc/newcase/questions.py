@@ -66,7 +66,7 @@ class Question(NamedTuple):
     """What is asked.
 
     Attributes:
-        text: for people.
+        text: for people; {units} and {stiffness} are the unit of lengths and that of Young's modulus.
         parse: from a word and the answers so far to a value.
         default: a word, by the answers so far.
         applies: whether it makes sense after the answers so far; and why not.
@@ -79,7 +79,11 @@ class Question(NamedTuple):
     otherwise: str = ""
 
 
-SIZES = {"1": "0.1", "2": "0.1,0.04", "3": "0.1,0.04,0.02"}
+SIZES = {
+    "m": {"1": "0.1", "2": "0.1,0.04", "3": "0.1,0.04,0.02"},
+    "mm": {"1": "100", "2": "100,40", "3": "100,40,20"},
+}
+STIFFNESS = {"m": ("pascals", "210e9"), "mm": ("MPa", "210e3")}
 QUESTIONS = {
     "kind": Question("What happens: tension, fracture or motion?", _choice("kind"), lambda a: "tension"),
     "dim": Question("Dimensions of the body: 1, 2 or 3?", _choice("dim"), lambda a: "2"),
@@ -88,14 +92,15 @@ QUESTIONS = {
         _choice("model"),
         lambda a: "correspondence",
     ),
-    "size": Question("Lengths of its sides in metres, with commas?", _size, lambda a: SIZES[a["dim"]]),
-    "E": Question("Young's modulus in pascals?", _positive, lambda a: "210e9"),
+    "units": Question("Units: m (with N, s and Pa) or mm (with N, s and MPa)?", _choice("units"), lambda a: "m"),
+    "size": Question("Lengths of its sides in {units}, with commas?", _size, lambda a: SIZES[a["units"]][a["dim"]]),
+    "E": Question("Young's modulus in {stiffness}?", _positive, lambda a: STIFFNESS[a["units"]][1]),
     "nu": Question(
         "Poisson's ratio?", _poisson, lambda a: "0.3", lambda a: a["model"] != "bond",
         "a bond-based material has a fixed Poisson's ratio",
     ),
     "hole": Question(
-        "Radius of a round hole in the middle in metres, 0 for none?", _hole,
+        "Radius of a round hole in the middle in {units}, 0 for none?", _hole,
         lambda a: f"{0.2 * min(a['size'][:2]) if a['kind'] == 'tension' else 0:.3g}",
         lambda a: a["dim"] != "1" and a["kind"] != "fracture",
         "a hole goes with tension and motion in 2D and 3D",
@@ -130,10 +135,11 @@ def answers(given: dict[str, str], asking: bool) -> Answers:
 
 def _ask(question: Question, found: Answers) -> Any:
     """Ask until the answer is one."""
-    default = question.default(found)
+    default, units = question.default(found), found.get("units", "m")
+    text = question.text.format(units=units, stiffness=STIFFNESS[units][0])
     while True:
         try:
-            word = input(f"{question.text} [{default}] ").strip()
+            word = input(f"{text} [{default}] ").strip()
         except (EOFError, KeyboardInterrupt):
             print()
             raise InputError("no answer; nothing was written") from None

@@ -13,7 +13,12 @@ ROWS = 4
 """Rows of cells over the thinnest part, at least."""
 UNEVEN = 0.04
 """How much a cell may be stretched for the sides to be whole numbers of cells."""
-DENSITY = 7850.0
+DENSITY = {"m": 7850.0, "mm": 7.85e-9}
+UNITS = {
+    "m": "metres, newtons, seconds and what follows from them (Pa, kg/m^3, J/m^2)",
+    "mm": "millimetres, newtons, seconds and what follows from them (MPa, t/mm^3, N/mm)",
+}
+LABELS = {"m": "", "mm": 'units = { length = "mm", force = "N" }  # labels of pictures and tables\n'}
 STRAIN = 1e-3
 """That of the loads: small, and far above rounding."""
 NOTCH = 0.5
@@ -23,10 +28,10 @@ CRITICAL = 2e-3
 
 WHOLE = Template("""\
 $schema# $summary
-# Written by `pdpetsc new`; units are metres, newtons, seconds and what follows from them (Pa, kg/m^3, J/m^2), but any
-# consistent set will do. All keys: docs/case-file.md. Would it fit, and is it sound?  pdpetsc check FILE
+# Written by `pdpetsc new`; units are $units,
+# but any consistent set will do. All keys: docs/case-file.md. Would it fit, and is it sound?  pdpetsc check FILE
 title = "$title"
-
+$labels
 [body]
 size = $size$thickness
 spacing = $spacing  # between particles; halve it to see whether results still change
@@ -41,8 +46,7 @@ pulled = "$pulled"
 model = "$model"$model_comment
 E = $E
 $nu$plane
-density = $density$density_comment
-$damage
+$density$damage
 [[load]]
 kind = "displacement"
 set = "clamp"
@@ -157,10 +161,10 @@ def case_text(answers: dict[str, Any], first: str = "") -> str:
         spacing_of(size, dim, kind),
         2.015 if (kind, answers["model"]) == ("tension", "correspondence") else 3.015,
     )
-    length, modulus = size[0], answers["E"]
+    length, modulus, units = size[0], answers["E"], answers["units"]
     thickness = {"1": (length / 20) ** 2, "2": min(size) / 4, "3": 1.0}[dim]
     area = math.prod(size[1:]) * thickness
-    speed = math.sqrt(modulus / DENSITY)
+    speed = math.sqrt(modulus / DENSITY[units])
     notch = NOTCH * size[1] if dim != "1" and kind == "fracture" else 0.0
     release_rate = float(f"{1e-5 * modulus * factor * spacing:.2g}")
     tough = math.sqrt(release_rate / (math.pi * modulus * notch)) if notch else 1.5 * CRITICAL
@@ -185,8 +189,9 @@ def case_text(answers: dict[str, Any], first: str = "") -> str:
             "2": 'plane = "strain"  # thick parts; "stress" is for sheets',
             "3": "# influence = \"gaussian\"  # weights of bonds by their length; constant without it",
         }[dim],
-        "density": DENSITY,
-        "density_comment": "" if kind == "motion" else "  # only motions need it",
+        "density": f"density = {_text(DENSITY[units])}\n" if kind == "motion" else "",
+        "units": UNITS[units],
+        "labels": LABELS[units],
         "damage": _damage(dim, release_rate, notch, length) if kind == "fracture" else "",
         "force": _rounded(STRAIN * modulus * area),
         "stretch": _rounded(tough * length),

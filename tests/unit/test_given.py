@@ -520,14 +520,25 @@ def test_damaged_hdf5(tmp_path):
             built({"points": write_hdf5(tmp_path / "cloud.h5", **columns), "dimension": 2})
 
     refused("cloud.h5: has no dataset 'volume'", position=X)
+    refused("cloud.h5: volume is no column of numbers", position=X, volume=np.ones((36, 2)))
     refused("cloud.h5: volume has no rows", position=X[:0], volume=ones[:0])
     refused("cloud.h5: row 4 has the volume 0", position=X, volume=changed(ones, 3, 0.0))
     refused("cloud.h5: row 4 is at .nan, 3.5.", position=changed(X, (3, 0), np.nan), volume=ones)
     refused("cloud.h5: horizon has 35 rows, volume 36", position=X, volume=ones, horizon=ones[:-1])
     refused("cloud.h5: position has the shape .36,.", position=X[:, 0], volume=ones)
     refused(r"row 1 and row 4 are in one place, \(0.5, 0.5\)", position=changed(X, 3, X[0]), volume=ones)
+    with h5py.File(tmp_path / "cloud.h5", "r+") as file:
+        del file["position"], file["volume"]
+        file.create_dataset("position", (10**9, 2), "f8", chunks=(1000, 2), compression="gzip")
+        file["volume"] = h5py.ExternalLink("other.h5", "volume")
+    for message in ("position is not as large as it says", "volume is not in the file but a link to somewhere else"):
+        with pytest.raises(InputError, match=rf"cloud.h5: cannot be read as HDF5 of points: {message}"):
+            built({"points": str(tmp_path / "cloud.h5"), "dimension": 2})
+        with h5py.File(tmp_path / "cloud.h5", "r+") as file:
+            del file["position"]
+            file["position"] = X
     (tmp_path / "cloud.h5").write_text("text")
-    with pytest.raises(InputError, match=r"cloud.h5: cannot be read as HDF5"):
+    with pytest.raises(InputError, match=r"cloud.h5: is damaged"):
         built({"points": str(tmp_path / "cloud.h5")})
 
 

@@ -16,14 +16,15 @@ from pdpetsc.materials.base import Material
 from pdpetsc.newcase.questions import answers
 from pdpetsc.newcase.text import case_text, spacing_of
 
-KINDS, DIMS, MODELS = (OPTIONS[f"--{name}"].choices for name in ("kind", "dim", "model"))
+KINDS, DIMS, MODELS, UNITS = (OPTIONS[f"--{name}"].choices for name in ("kind", "dim", "model", "units"))
 
 
-@pytest.mark.parametrize(("kind", "dim", "model"), product(KINDS, DIMS, MODELS))
-def test_every_combination_is_valid(kind, dim, model):
-    text = case_text(answers({"kind": kind, "dim": dim, "model": model}, False))
+@pytest.mark.parametrize(("kind", "dim", "model", "units"), product(KINDS, DIMS, MODELS, UNITS))
+def test_every_combination_is_valid(kind, dim, model, units):
+    text = case_text(answers({"kind": kind, "dim": dim, "model": model, "units": units}, False))
     written = Case.from_document(tomllib.loads(text), "my", None, "my.toml", False)
     assert (written.body.dim, written.material["solid"].model) == (int(dim), model)
+    assert written.units.length == units
     assert written.solver.in_time == (kind == "motion") and bool(written.damage) == (kind == "fracture")
     assert max(map(len, text.splitlines())) <= 125 and "$" not in text
 
@@ -40,13 +41,18 @@ def test_small_ones_run_and_do_as_they_expect(kind, tmp_path, monkeypatch):
     assert cli.main(["my.toml", "--quiet"]) == 0
     summary = json.loads((tmp_path / "results" / "my" / "summary.json").read_text())
     assert all(e["met"] for e in summary["expect"]) and summary["expect"]
+    assert cli.main(["new", "mm.toml", "--units", "mm", "--kind", kind, "--dim", "1", "--model", "ordinary"]) == 0
+    assert cli.main(["mm.toml", "--quiet"]) == 0
+    in_mm = json.loads((tmp_path / "results" / "mm" / "summary.json").read_text())
+    assert in_mm["probes"]["elongation"] == pytest.approx(1e3 * summary["probes"]["elongation"], rel=1e-6)
+    assert in_mm["probes"]["reaction"] == pytest.approx(summary["probes"]["reaction"], rel=1e-6, abs=1e-6)
 
 
 def test_questions_are_asked_again_until_they_are_answered(monkeypatch, capsys):
-    said = iter(["tear", "fracture", "2", "bond", "0.1", "0.2,-0.1", "0.2,0.1", "stiff", "70e9"])
+    said = iter(["tear", "fracture", "2", "bond", "mm", "100", "200,-100", "200,100", "stiff", "70e3"])
     monkeypatch.setattr("builtins.input", lambda prompt: next(said))
     found = answers({}, True)
-    assert found == {"kind": "fracture", "dim": "2", "model": "bond", "size": (0.2, 0.1), "E": 70e9}
+    assert found == {"kind": "fracture", "dim": "2", "model": "bond", "units": "mm", "size": (200, 100), "E": 70e3}
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 4 and out[0].startswith("  must be one of tension, fracture, motion, not 'tear'")
 

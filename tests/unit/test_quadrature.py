@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from pdpetsc.bonds import Families, find_families
-from pdpetsc.quadrature import CLOSENESS, HIGHEST, LOWEST, matched_weights
+from pdpetsc.quadrature import CLOSENESS, HIGHEST, LOWEST, TOLERANCE, matched_weights
 
 
 def isotropic(dim: int) -> np.ndarray:
@@ -151,7 +151,7 @@ def test_matched_with_least_change_just_where_linear_programming_finds_a_solutio
         best = linprog(change, A_eq=A, b_eq=target, bounds=(LOWEST, HIGHEST), method="highs")
         assert matched[0] == (best.status == 0)
         if matched[0]:
-            assert np.abs(A @ x - target).max() < 1e-13
+            assert np.abs(A @ x - target).max() < TOLERANCE
             assert change @ x == pytest.approx(best.fun, abs=1e-6)
         outcomes.append(matched[0])
     assert 0 < np.mean(outcomes) < 1

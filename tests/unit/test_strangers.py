@@ -11,11 +11,11 @@ import pytest
 from conftest import environment_for_mpirun
 from fuzzing import SUMMARY, write_checkpoint, write_fields
 
-from pdpetsc import apart, case, catalogue, pictures
+from pdpetsc import apart, case, catalogue, hdf5_check, pictures
 from pdpetsc.body import meshfile
 from pdpetsc.body.meshes import surface_of_mesh
 from pdpetsc.errors import InputError
-from pdpetsc.io import hdf5_check, kept, tables, trust
+from pdpetsc.io import kept, tables, trust
 from pdpetsc.io.checkpoint import CHECKPOINT
 from pdpetsc.io.fields import HDF5
 from pdpetsc.io.report import write_report

@@ -1,8 +1,8 @@
-"""Looks whether an HDF5 file of ours is one, as a script of its own (pdpetsc/apart.py): SECONDS BYTES PATH KIND.
+"""Looks into an HDF5 file, as a script of its own (pdpetsc/apart.py): SECONDS BYTES PATH KIND.
 
-What is read later is what was written by `checkpoint` and `fields`: plain datasets, stored in one piece in the file
-itself, whose sizes go with each other. So a file cannot make a reader take more memory than the file is large, nor read
-other files.
+Of ours, what is read later is what was written by io's `checkpoint` and `fields`: plain datasets, stored in one piece
+in the file itself, whose sizes go with each other. So a file cannot make a reader take more memory than it is large,
+nor read other files. Points of a body may be compressed: they are all read once here, where a bomb ends nothing else.
 """
 
 import json
@@ -24,6 +24,8 @@ BODY = {"position": 3, "volume": None, "horizon": None, "spacing": None}
 """Of a field file, with their columns."""
 COLUMNS = (None, 3, 9)
 """That a field may have."""
+PACKED = 2000
+"""How many times smaller than its numbers a compressed dataset may be; those of HDF5's own filters are at most 1032."""
 CELLS = {2: (3, 4), 3: (4, 5, 6, 8)}
 """How many corners the cells of a mesh may have in so many dimensions."""
 
@@ -187,6 +189,24 @@ def check_body(group: h5py.Group) -> int:
     return count
 
 
+def check_points(file: h5py.File) -> None:
+    """See that what a body of points may be read from (body/clouds.py) is in the file, and can be read.
+
+    Raises:
+        Damaged: it is not.
+    """
+    for name in ("position", "volume", "horizon", "spacing", "set"):
+        if name not in file:
+            continue
+        data = entry(file, name, h5py.Dataset)
+        if data.is_virtual or data.external:
+            raise Damaged(f"{name} is not stored in the file itself")
+        if data.shape is None or data.id.get_storage_size() * PACKED < data.size * data.dtype.itemsize:
+            raise Damaged(f"{name} is not as large as it says")
+        for first in range(0, len(data) if data.ndim else 0, ROWS):
+            data[first : first + ROWS]
+
+
 def number(name: str) -> int:
     """Of the step that a group is called by."""
     if not (name.isascii() and name.isdigit() and len(name) < 12):
@@ -194,8 +214,12 @@ def number(name: str) -> int:
     return int(name)
 
 
-CHECKS = {"checkpoint": check_checkpoint, "fields": check_fields}
-"""By the kind of a file that is asked for."""
+CHECKS = {
+    "checkpoint": (check_checkpoint, "is no checkpoint of this version of pdpetsc, or damaged"),
+    "fields": (check_fields, "is no field file of this version of pdpetsc, or damaged"),
+    "points": (check_points, "cannot be read as HDF5 of points"),
+}
+"""By the kind of a file that is asked for, and what it is where that fails."""
 
 
 def check(path: str, kind: str) -> None:
@@ -204,12 +228,12 @@ def check(path: str, kind: str) -> None:
     Raises:
         Damaged: in a sentence, what is wrong.
     """
+    look, otherwise = CHECKS[kind]
     try:
         with h5py.File(path, "r") as file:
-            CHECKS[kind](file)
+            look(file)
     except Damaged as error:
-        what = "checkpoint" if kind == "checkpoint" else "field file"
-        raise Damaged(f"is no {what} of this version of pdpetsc, or damaged: {error}") from None
+        raise Damaged(f"{otherwise}: {error}") from None
     except (Exception, RecursionError) as error:  # h5py raises whatever comes up in a damaged file
         raise Damaged(f"is damaged ({' '.join(str(error).split())[:200]})") from None
 
