@@ -1,6 +1,5 @@
 """From a case to its results: build the simulation, run it, say how it ended."""
 
-import os
 import shutil
 import signal
 import sys
@@ -15,6 +14,7 @@ from pdpetsc import __version__, events
 from pdpetsc.advice import advise
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK
+from pdpetsc.compiling import compiling_announced
 from pdpetsc.errors import ConvergenceError, InputError, Interrupted, NoRoom, OutputError
 from pdpetsc.io import tables, trust
 from pdpetsc.io.checkpoint import CHECKPOINT, check_whole, read_description
@@ -40,7 +40,7 @@ from pdpetsc.terminal import painted
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
     """Build and solve a case and write its results; the exit code of the command line. Further as `solve`."""
-    with listening():
+    with listening(), compiling_announced(PETSc.COMM_WORLD, quiet):
         return _exit_code(solve(case, out, quiet=quiet))
 
 
@@ -61,8 +61,6 @@ def solve(case: Case, out: str | Path | None = None, observers: Iterable[Observe
     with collective(comm.tompi4py()):
         if out:
             _check_replaceable(out, case)
-    if not quiet and not Path(os.environ["NUMBA_CACHE_DIR"]).exists():
-        say(comm, "compiling the kernels, once for this version: about half a minute")
     simulation = build(case)
     with collective(comm.tompi4py()):
         if out and comm.rank == 0:
@@ -78,7 +76,7 @@ def build(case: Case, checkpoint: Path | None = None) -> Run:
 
 def restart(directory: Path, quiet: bool = False) -> int:
     """Go on from the checkpoint of a result directory, on any number of ranks; results are continued there."""
-    with listening():
+    with listening(), compiling_announced(PETSc.COMM_WORLD, quiet):
         return _restart(directory.parent if directory.name == CHECKPOINT else directory, quiet)
 
 

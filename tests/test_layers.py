@@ -47,6 +47,7 @@ LAYERS = (
         "building",
         "transient",
         "discretisation",
+        "compiling",
         "simulation",
         "summary",
         "run",

@@ -139,6 +139,11 @@ def write_summary(path: Path, summary: dict) -> None:
         file.write(json.dumps(summary, indent=1) + "\n")
 
 
+def _reason(error: OSError | ValueError) -> str:
+    """Which file, and why it is not read."""
+    return f"{Path(error.filename).name}: {error.strerror}" if isinstance(error, OSError) else str(error)
+
+
 def read_summary(directory: Path) -> dict:
     """The summary.json of a result.
 
@@ -150,7 +155,7 @@ def read_summary(directory: Path) -> dict:
         kept.check_summary(summary)
         return summary
     except (OSError, ValueError) as error:
-        raise InputError(f"{directory}: holds no result of a run that has ended ({error})") from None
+        raise InputError(f"{directory}: holds no result of a run that has ended ({_reason(error)})") from None
 
 
 def read_case(directory: Path) -> dict:
@@ -162,7 +167,7 @@ def read_case(directory: Path) -> dict:
     try:
         document = read_toml(directory / "case.toml")
     except (OSError, ValueError) as error:
-        raise InputError(f"{directory}: holds no result of pdpetsc ({error})") from None
+        raise InputError(f"{directory}: holds no result of pdpetsc ({_reason(error)})") from None
     check_plain(document, str(directory / "case.toml"))
     return document
 

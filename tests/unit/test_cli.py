@@ -10,10 +10,12 @@ from types import SimpleNamespace
 
 import conftest
 import pytest
+from numba import njit
 
 import pdpetsc
 from pdpetsc import __main__, catalogue, cli, terminal
 from pdpetsc.commands import COMMANDS, OPTIONS
+from pdpetsc.compiling import compiling_announced
 from pdpetsc.errors import ConvergenceError, InputError
 from pdpetsc.io.view import Section, View
 
@@ -319,3 +321,15 @@ def test_colours_are_for_terminals_without_other_ranks(monkeypatch):
         with monkeypatch.context() as changed:
             changed.setenv(name, value)
             assert terminal.painted("x", "red", Screen()) == "x"
+
+
+def test_compiling_is_announced_once(capsys):
+    from mpi4py import MPI
+
+    with compiling_announced(MPI.COMM_SELF, False):
+        njit(lambda x: x + 1)(1)
+        njit(lambda x: x + 2)(1)
+    with compiling_announced(MPI.COMM_SELF, True):
+        njit(lambda x: x + 3)(1)
+    said = capsys.readouterr().out
+    assert said.count("compiling kernels, once for this version and kind of model") == said.count("\n") == 1

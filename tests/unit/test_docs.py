@@ -44,7 +44,7 @@ def test_the_row_goes_through_the_tests_of_the_table(tmp_path):
     (tmp_path / "fibre.py").write_text(code)
     (tmp_path / "models.py").write_text(f"from fibre import FibreSheet\n{table}")
     shutil.copy(TESTS / "materials" / "test_models.py", tmp_path)
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(TESTS.parent)])}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path, TESTS, TESTS.parent)))}
     command = [
         sys.executable,
         "-m",
