@@ -46,6 +46,9 @@ from pdpetsc.io.view import Section, View
 DATA = Path(__file__).parent / "unit" / "data" / "fuzz"
 """Inputs that once made a reader fail: READER/anything."""
 
+LOG = Path(__file__).parent / "unit" / "data" / "fuzz.csv"
+"""Of the runs of scripts/fuzz: seeds and counts."""
+
 FOLDER = Path(tempfile.mkdtemp(prefix="pdpetsc-fuzz-"))
 
 
