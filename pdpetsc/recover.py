@@ -150,13 +150,14 @@ class Recovery:
         return np.where(self._assembler.constrained, self._unbalanced, 0.0)
 
     def balance(self) -> dict[str, float]:
-        """Sums of external forces, reactions and their moments in the deformed state, relative to the sums of their
-        absolute values: zero to rounding in equilibrium (collective)."""
+        """Sums of external forces, reactions and their moments in the deformed state, with linear kinematics in the
+        undeformed one, relative to the sums of their absolute values: zero to rounding in equilibrium (collective)."""
         p = self._assembler.particles
         loads = np.zeros((p.owned, 3))
         loads[:, : p.dim] = self.external + self.reaction
         x = np.zeros((p.owned, 3))
-        x[:, : p.dim] = p.position[: p.owned] + self.u
+        linear = all(material.linear for material in self._assembler.materials)
+        x[:, : p.dim] = p.position[: p.owned] + (0.0 if linear else self.u)
         moments = np.cross(x, loads)
         sizes = [np.abs(loads).sum(), (np.linalg.norm(x, axis=1) * np.linalg.norm(loads, axis=1)).sum()]
         mpi = self._assembler.mpi

@@ -120,8 +120,12 @@ def _lead(document: dict, summary: dict) -> str:
     mode = summary.get("choices", {}).get("mode", "newton")
     steps = len(summary["steps"])
     ranks = summary.get("ranks", 1)
-    on = f" on {ranks} rank{'s' if ranks > 1 else ''}" if "ranks" in summary else ""
-    return f"{count} in {summary['dim']}D of {materials}; {steps} steps, {MODES.get(mode, mode)}{on}."
+    on = f" on {_counted(ranks, 'rank')}" if "ranks" in summary else ""
+    return f"{count} in {summary['dim']}D of {materials}; {_counted(steps, 'step')}, {MODES.get(mode, mode)}{on}."
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def contents(directory: Path, document: dict, summary: dict, unreadable: str = "") -> dict:
@@ -156,6 +160,7 @@ def contents(directory: Path, document: dict, summary: dict, unreadable: str = "
         "fracture": [
             (with_unit(_words(key), "{length}^2" if key == "crack_area" else ""), value)
             for key, value in summary.get("fracture", {}).items()
+            if value is not None
         ],
         "balance": [(_words(key), value) for key, value in summary.get("balance", {}).items()],
         "expect": summary.get("expect", []),
@@ -270,9 +275,10 @@ def _pictures(
         except Exception as error:  # of a file that was being written when the run was killed
             reasons.append(f"{caption}: {error}")
 
-    views = () if unreadable else dict.fromkeys((View(output.get("picture", "u")), *PICTURES))
-    for view in views:
-        what = label(view.field)
+    views: dict[str, View] = {}  # one of each name: von Mises stress stands for stress
+    for view in () if unreadable else (View(output.get("picture", "u")), *PICTURES):
+        views.setdefault(label(view.field), view)
+    for what, view in views.items():
         add(what, f"The deformed body of {title}, coloured by {what}", partial(picture, directory, summary, view))
     if axes := output.get("curve"):
         x, y = axes["x"], axes["y"]

@@ -118,6 +118,21 @@ def test_it_says_all_there_is(tmp_path, without_pictures):
     assert tables.is_result(tmp_path)
 
 
+def test_a_field_is_shown_once(tmp_path):
+    """Stress is seen as von Mises stress, which may be a field of its own."""
+    summary = made(tmp_path, 2)
+    with h5py.File(tmp_path / "fields.h5", "a") as file:
+        for step in ("00001", "00002"):
+            file[step]["von_mises"] = file[step]["damage"][...]
+    for field in ("von_mises", "damage"):
+        document = CASE | {"output": {"picture": field}}
+        captions = [shown.caption for shown in report._pictures(tmp_path, document, summary, "")[0]]
+        first = {"von_mises": "von Mises stress", "damage": "damage"}[field]
+        assert captions[0] == first and sorted(captions) == [
+            "convergence of Newton's method", "damage", "displacement |u|", "von Mises stress",
+        ]  # fmt: skip
+
+
 def test_it_stands_alone_and_has_its_pictures(tmp_path):
     result(tmp_path)
     page, text = page_of(tmp_path)
