@@ -1,5 +1,8 @@
 """Bodies from files: cells and their facets, groups of every format, point clouds, and what is wrong with them."""
 
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import h5py
@@ -234,6 +237,25 @@ def test_groups_of_gmsh(binary, particles, tmp_path):
     assert given.facets.area[loaded].sum(axis=0) == pytest.approx([1, 0, 0])
     assert given.facets.area[far].sum(axis=0) == pytest.approx([1, 0, 0])
     assert far.sum() > loaded.sum()
+
+
+def test_sets_of_exodus(tmp_path):
+    """Sets of nodes; written by a process of its own, since netCDF4 has an HDF5 of its own."""
+    if find_spec("netCDF4") is None:
+        pytest.skip("no netCDF4 here")
+    points, cells = block((3, 2, 2))
+    path = tmp_path / "part.e"
+    np.savez(tmp_path / "mesh.npz", points=points, cells=tetrahedra(cells), left=np.flatnonzero(points[:, 0] == 0))
+    code = (
+        "import sys, numpy, meshio; m = numpy.load(sys.argv[1]); "
+        "mesh = meshio.Mesh(m['points'], [('tetra', m['cells'])], point_sets={'clamp': m['left']}); "
+        "meshio.write(sys.argv[2], mesh)"
+    )
+    subprocess.run([sys.executable, "-c", code, tmp_path / "mesh.npz", path], check=True)
+    given = given_by(str(path), {"clamp": "clamp"}, {"left": "clamp"}, particles="vertices")
+    assert given.volume.sum() == pytest.approx(1) and np.array_equal(given.position, points)
+    assert np.array_equal(given.member[:, 0], points[:, 0] == 0)
+    assert given.facets.area[given.facets.face >> 3 & 1 == 1].sum(axis=0) == pytest.approx([-1, 0, 0])
 
 
 def test_sets_of_abaqus(tmp_path):
