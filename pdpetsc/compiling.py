@@ -16,7 +16,7 @@ class _Announcer(Listener):
 
     def on_start(self, event: Event) -> None:
         if not self._said:
-            say(self._comm, "compiling kernels, once for this version and kind of model: up to a minute")
+            say(self._comm, "compiling kernels, once for this version and kind of model: up to two minutes")
         self._said = True
 
     def on_end(self, event: Event) -> None:

@@ -39,7 +39,7 @@ class Discretisation:
 
     Attributes:
         particles, sets, families, materials, assembler, solver: the discrete problem; `cut_bonds` by each crack.
-        reached: volume in the horizon of each owned particle, cracks or not.
+        reached: volume in the horizon of each owned particle, cracks or not; `cracked`: whether they cut bonds of it.
         bonds: directed ones, on all ranks.
         fracture: the bonds that may fail; None if none may.
         probes: what is followed.
@@ -55,6 +55,7 @@ class Discretisation:
             families = find_families(p.position, p.horizon, p.id, p.owned, case.body.horizon_tolerance)
             self.reached = families.sums(p.volume[families.neighbours])
             cuts = cut_bonds(families, Ends(p.position, p.horizon, p.id), cracks)
+            self.cracked = families.sums(cuts.any(axis=0).astype(float)) > 0
             families = families.without(cuts.any(axis=0))
             check_not_lonely(families, p.position, p.horizon)
             self.families, interior = families.interior_first(p.owned)

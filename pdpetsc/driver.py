@@ -40,7 +40,7 @@ from pdpetsc.terminal import painted
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
     """Build and solve a case and write its results; the exit code of the command line. Further as `solve`."""
-    with listening(), compiling_announced(PETSc.COMM_WORLD, quiet):
+    with listening():
         return _exit_code(solve(case, out, quiet=quiet))
 
 
@@ -61,11 +61,12 @@ def solve(case: Case, out: str | Path | None = None, observers: Iterable[Observe
     with collective(comm.tompi4py()):
         if out:
             _check_replaceable(out, case)
-    simulation = build(case)
-    with collective(comm.tompi4py()):
-        if out and comm.rank == 0:
-            _replace(out, case)
-    return _finish(simulation, out, observers, quiet)
+    with compiling_announced(comm, quiet):
+        simulation = build(case)
+        with collective(comm.tompi4py()):
+            if out and comm.rank == 0:
+                _replace(out, case)
+        return _finish(simulation, out, observers, quiet)
 
 
 def build(case: Case, checkpoint: Path | None = None) -> Run:

@@ -2,7 +2,8 @@
 
 Of ours, what is read later is what was written by io's `checkpoint` and `fields`: plain datasets, stored in one piece
 in the file itself, whose sizes go with each other. So a file cannot make a reader take more memory than it is large,
-nor read other files. Points of a body may be compressed: they are all read once here, where a bomb ends nothing else.
+nor read other files. Points of a body may be compressed: they are all read here first, where a damaged file ends
+nothing else.
 """
 
 import json
@@ -25,7 +26,7 @@ BODY = {"position": 3, "volume": None, "horizon": None, "spacing": None}
 COLUMNS = (None, 3, 9)
 """That a field may have."""
 PACKED = 2000
-"""How many times smaller than its numbers a compressed dataset may be; those of HDF5's own filters are at most 1032."""
+"""How many times smaller than its numbers a compressed dataset may be; HDF5's gzip makes it at most 1032 times."""
 CELLS = {2: (3, 4), 3: (4, 5, 6, 8)}
 """How many corners the cells of a mesh may have in so many dimensions."""
 
@@ -174,7 +175,13 @@ def check_mesh(group: h5py.Group, count: int) -> None:
         corners = there.sum(axis=1)
         if not np.isin(corners, known).all() or (there != (np.arange(there.shape[1]) < corners[:, None])).any():
             raise Damaged("mesh/cells holds cells that are none")
-    check_values(shaped(group, "particle", "i", len(cells if on == "cells" else points)), -1, count - 1)
+    particle = shaped(group, "particle", "i", len(cells if on == "cells" else points))
+    check_values(particle, -1, count - 1)
+    known = particle[...]
+    known = known[known >= 0]
+    if not len(cells) or len(np.unique(known)) != count or len(known) != count:
+        raise Damaged("mesh/particle does not hold each particle once")
+    check_values(shaped(group, "cracked", "i", count), 0, 1)
 
 
 def check_body(group: h5py.Group) -> int:
@@ -202,9 +209,10 @@ def check_points(file: h5py.File) -> None:
         if data.is_virtual or data.external:
             raise Damaged(f"{name} is not stored in the file itself")
         if data.shape is None or data.id.get_storage_size() * PACKED < data.size * data.dtype.itemsize:
-            raise Damaged(f"{name} is not as large as it says")
-        for first in range(0, len(data) if data.ndim else 0, ROWS):
-            data[first : first + ROWS]
+            raise Damaged(f"{name} is not as large as it says, or packed more than {PACKED} times; write it anew")
+        step = -(-ROWS // data.chunks[0]) * data.chunks[0] if data.chunks else ROWS  # every chunk is unpacked once
+        for first in range(0, len(data) if data.ndim else 0, step):
+            data[first : first + step]
 
 
 def number(name: str) -> int:

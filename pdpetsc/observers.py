@@ -237,7 +237,7 @@ class FieldOutput(Written):
 
     def start(self, run):
         known = {row["step"]: row["time"] for row in run.rows}
-        self._writer = FieldWriter(self._directory, run.particles, known, self._fields)
+        self._writer = FieldWriter(self._directory, run.particles, known, self._fields, run.cracked)
         if run.state.step in self._writer.steps:
             self.last = run.state.step
         elif run.state.step and self._wanted(run.state.step):  # an earlier run has ended on the way

@@ -57,7 +57,7 @@ class Simulation:
 
     Attributes:
         case, comm: what is run, and PETSc's communicator.
-        particles, families, materials, assembler, solver: the discrete problem; `cut_bonds` by each crack.
+        particles, families, materials, assembler, solver: the discrete problem; `cut_bonds`, `cracked`: likewise.
         fracture: the bonds that may fail; None if none may.
         state: the last committed state.
         schedule: the load steps.
@@ -111,10 +111,10 @@ class Simulation:
         d = Discretisation(self.case, self.comm, p, sets, self._cracks, self.timings, blocks, time_steps, refined)
         self._problem = d
         self.particles, self.families, self.materials, self.assembler = p, d.families, d.materials, d.assembler
-        self.fracture, self.solver, self.probes, self.cut_bonds = d.fracture, d.solver, d.probes, d.cut_bonds
+        self.fracture, self.solver, self.probes = d.fracture, d.solver, d.probes
+        self.cut_bonds, self.cracked = d.cut_bonds, d.cracked
         if not self.case.solver.in_time:
-            overshoot = self.case.solver.overshoot
-            self.passes = Passes(self.solver, self.assembler, self.fracture, overshoot, self._passed)
+            self.passes = Passes(d.solver, d.assembler, d.fracture, self.case.solver.overshoot, self._passed)
 
     @property
     def schedule(self) -> Schedule | TimeSteps:

@@ -8,7 +8,8 @@ that fails on one rank fails on all, and one that some rank never leaves ends th
 Every other test runs once, on one process. Those that need ranks start their own, with the fixture `run_pdpetsc`.
 
 With EVERY=1 in the environment all tests run. Without it those marked `slow` do not, of an `mpi` test with three and
-more variants 2 ranks take every other one and 3 ranks the others, and models.py leaves out dimensions of most models.
+more variants 2 ranks take one half and 3 ranks the other (by the sum of the bits of their number, which goes with no
+parameter), and models.py leaves out dimensions of most models.
 """
 
 import faulthandler
@@ -155,6 +156,7 @@ def wait(job: subprocess.Popen, limit: float) -> bool:
 def pytest_collection_modifyitems(items):
     """Under mpirun only tests marked `mpi` run, and only on as many ranks as they ask for; see EVERY above."""
     size = number_of_ranks()
+    half = {2: 0, 3: 1}.get(size)
     variants = Counter(function_of(item) for item in items)
     seen: Counter = Counter()
     for item in items:
@@ -166,7 +168,7 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.skip(reason="not marked mpi"))
         elif not EVERY and item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.skip(reason="slow: runs with EVERY=1"))
-        elif not EVERY and size > 1 and variants[function] > 2 and seen[function] % 2 != size % 2:
+        elif not EVERY and half in (0, 1) and variants[function] > 2 and seen[function].bit_count() % 2 != half:
             item.add_marker(pytest.mark.skip(reason="another number of ranks takes this variant, all do with EVERY=1"))
 
 

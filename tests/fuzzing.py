@@ -563,6 +563,7 @@ def write_fields(file: h5py.File, refined: bool) -> None:
     corners = np.stack([lattice[:-1, :-1], lattice[1:, :-1], lattice[1:, 1:], lattice[:-1, 1:]], axis=-1).reshape(4, 4)
     places = np.stack(np.meshgrid([0.0, 1, 2], [0.0, 1, 2], indexing="ij"), axis=-1).reshape(9, 2)
     fields.write_mesh(file, Mesh(places, corners, np.arange(9), "points"))
+    file["mesh/cracked"] = np.zeros(9, np.int32)
     for step, n in ((1, 9), (2, 12 if refined else 9)):
         file[f"{step:05d}/u"] = np.zeros((n, 3))
         file[f"{step:05d}/damage"] = np.zeros(n)
@@ -571,7 +572,7 @@ def write_fields(file: h5py.File, refined: bool) -> None:
 NAMES = [
     "u", "position", "volume", "ancestor", "facets/parent", "damaged/broken_bonds", "description", "00001", "00002/u",
     "refined", "refined/00002/spacing", "00001/damage", "vertex", "v", "mesh", "mesh/points", "mesh/cells",
-    "mesh/particle", "horizon", "spacing", "set",
+    "mesh/particle", "mesh/cracked", "horizon", "spacing", "set",
 ]  # fmt: skip
 
 
@@ -652,7 +653,7 @@ def read_and_draw(content: bytes) -> None:
             if frame.mesh is None:
                 drawn.cell_sides(frame.position, frame.spacing, frame.volume)
             elif frame.mesh.points.shape[1] == 2:
-                places = drawn.tile_places(frame)
+                places = frames.tile_places(frame)
                 for parts in (tiles.areas(frame.mesh, places), tiles.edges(frame.mesh, places, frame.apart)):
                     drawn.deformed_tiles(frame, 1.0, parts)
             else:

@@ -29,10 +29,10 @@ def tetrahedra(cells: np.ndarray) -> np.ndarray:
     return np.concatenate([cells[:, [0, a, b, 6]] for a, b in zip(around, around[1:] + around[:1])])
 
 
-def meshed(kind: str) -> meshio.Mesh:
-    """A mesh whose points inside are moved; of tetrahedra and the like, or with hexahedra, wedges and pyramids."""
+def meshed(kind: str, warp: float = 0.05) -> meshio.Mesh:
+    """A mesh of one kind of cells, or of hexahedra, wedges and pyramids; `warp` moves the points inside."""
     dim = 2 if kind in ("triangle", "quad") else 3
-    points, cells = block((5, 4, 3)[:dim], warp=0.05)
+    points, cells = block((5, 4, 3)[:dim], warp)
     if kind == "triangle":
         parts = [("triangle", np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]]))]
     elif kind == "tetra":

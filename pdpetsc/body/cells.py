@@ -66,6 +66,25 @@ class Mesh(NamedTuple):
     particle: np.ndarray
     on: str
 
+    def corners_of(self, values: np.ndarray, missing) -> np.ndarray:
+        """What its points have, by cells, (cells, most corners, ...); behind the last corner `missing`."""
+        there = self.cells >= 0
+        return np.where(there.reshape(*there.shape, *[1] * (values.ndim - 1)), values[self.cells], missing)
+
+    def peopled(self) -> np.ndarray:
+        """Mask of the cells that have a particle, in them or on a corner."""
+        if self.on == "cells":
+            return self.particle >= 0
+        return (self.corners_of(self.particle, -1) >= 0).any(axis=1)
+
+    def part(self, some: np.ndarray) -> "Mesh":
+        """The cells of a mask, and the points that they have."""
+        cells = self.cells[some]
+        used = np.zeros(len(self.points), bool)
+        used[cells[cells >= 0]] = True
+        cells = np.where(cells >= 0, (np.cumsum(used) - 1)[cells], -1).astype(np.int32)
+        return Mesh(self.points[used], cells, self.particle[some if self.on == "cells" else used], self.on)
+
     def kinds(self) -> Iterator[tuple[Kind, np.ndarray]]:
         """The kinds of its cells, and the rows of each."""
         corners, dim = (self.cells >= 0).sum(axis=1), self.points.shape[1]

@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from functools import lru_cache
 from pathlib import Path
 
 import h5py
@@ -12,9 +13,13 @@ from pdpetsc.apart import read_apart
 from pdpetsc.body.columns import Given, checked_apart, checked_positions, checked_positive
 from pdpetsc.body.meshes import read_mesh
 from pdpetsc.errors import InputError
+from pdpetsc.memory import check_room
 
 AXES = ("X", "Y", "Z")
 OPTIONAL = ("horizon", "spacing")
+ROW = 128
+"""Bytes at least that are held of a point."""
+
 TEXT = "U64"
 """Type of the names in the column `set`."""
 
@@ -41,15 +46,20 @@ def points_of_file(source) -> Given:
     return given
 
 
-def count_of_hdf5(path: str) -> int:
-    """How many particles there are, of a file that has been read once in a process of its own.
+@lru_cache(maxsize=1)
+def count_of_hdf5(path: str, stamp: tuple[int, int]) -> int:
+    """How many particles there are, of a file that has been read in a process of its own first.
+
+    Args:
+        stamp: what changes when the file is written anew.
 
     Raises:
-        InputError: there are none, or it cannot be read.
+        InputError: there are none, or it cannot be read, or would not fit into memory.
     """
     if Path(path).is_file():
         read_apart(Path(hdf5_check.__file__), path, "points")
     if rows := len(_opened(path, lambda file: file["volume"])):
+        check_room("body.points", "points", rows, ROW)
         return rows
     raise InputError(f"{path}: volume has no rows, so there is no particle")
 

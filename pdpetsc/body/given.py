@@ -86,7 +86,7 @@ def forget() -> None:
 
 def count_of(source: Source) -> int:
     """How many particles a file holds, before any is left out."""
-    return count_of_hdf5(source.path) if source.in_slices else len(whole(source).position)
+    return count_of_hdf5(source.path, source.stamp) if source.in_slices else len(whole(source).position)
 
 
 def rows_of(source: Source, start: int, stop: int) -> Given:
@@ -150,10 +150,12 @@ def given_particles(comm, source: Source, keep, horizon) -> Points:
         raise InputError("body.keep: no particle is left; the condition is false everywhere")
     begin = comm.scan(n) - n
     points.id = np.arange(begin, begin + n)
-    masks = comm.gather(kept)
-    if mesh is not None:
-        left = np.concatenate(masks)
-        points.mesh = mesh._replace(particle=np.where(left, np.cumsum(left) - 1, -1)[mesh.particle])
+    if source.shape == "mesh":
+        masks = comm.gather(kept)
+        if mesh is not None:
+            left = np.concatenate(masks)
+            mesh = mesh._replace(particle=np.where(left, np.cumsum(left) - 1, -1)[mesh.particle])
+            points.mesh = mesh.part(mesh.peopled())
     if given.facets is not None:
         parent = given.facets.parent - first
         facets = given.facets.chosen(kept[parent])

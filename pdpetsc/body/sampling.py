@@ -6,9 +6,13 @@ import numpy as np
 
 from pdpetsc.body.box import blocks_of
 from pdpetsc.body.given import Source, count_of, made, rows_of
+from pdpetsc.errors import NoRoom
 from pdpetsc.particles import Points
 
 GOLDEN = (5**0.5 - 1) / 2
+
+MOST = 10_000_000
+"""Particles around a sample: more of them are no body that could be calculated."""
 
 
 class Sample(NamedTuple):
@@ -44,7 +48,7 @@ def sample_of(source: Source, keep, horizon, size: int, tolerance: float) -> Sam
     parts = [made(rows_of(source, row, row + 1), keep, horizon, row)[0] for row in map(int, chosen)]
     first = _joined(parts)
     reach = float(first.horizon.max(initial=0.0)) * tolerance
-    count, around = 0, [first]
+    count, found, around = 0, 0, [first]
     tree = cKDTree(first.position) if len(first.id) else None
     for numbers in blocks_of(rows):
         points = made(rows_of(source, int(numbers[0]), int(numbers[-1]) + 1), keep, horizon, int(numbers[0]))[0]
@@ -52,6 +56,10 @@ def sample_of(source: Source, keep, horizon, size: int, tolerance: float) -> Sam
         if tree:
             near = np.isfinite(tree.query(points.position, distance_upper_bound=2 * reach * (1 + 1e-9))[0])
             around.append(_chosen(points, near & ~np.isin(points.id, first.id)))
+            found += len(around[-1].id)
+            if found > MOST:
+                raise NoRoom(f"{source.path}: more than {MOST:.0e} particles are within two horizons of {len(chosen)} "
+                             "of them; are horizons in the unit of the file, and particles apart?")  # fmt: skip
     return Sample(count, first.position, _joined(around), reach)
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pdpetsc.io.frames import Frame
+from pdpetsc.io.frames import Frame, tile_places
 from pdpetsc.io.tiles import Tiles, faces
 from pdpetsc.io.view import Section
 
@@ -91,40 +91,12 @@ def deformed(frame: Frame, factor: float, arms: np.ndarray, particles) -> np.nda
     return x[:, None] + arms @ shape.transpose(0, 2, 1)
 
 
-def tile_places(frame: Frame) -> np.ndarray:
-    """The points of a frame's mesh and their displacements, (points, 2 dim).
-
-    The displacements are those of the particles on them, or the mean of what those of the cells around would give them,
-    u + (F - 1) (X - X_i), without those whose bonds have failed if there are others.
-    """
-    mesh, dim = frame.mesh, frame.mesh.points.shape[1]
-    if mesh.on == "points" and (mesh.particle >= 0).all():
-        return np.hstack([mesh.points, frame.u[mesh.particle, :dim]])
-    there = mesh.cells >= 0
-    of = mesh.particle[:, None] if mesh.on == "cells" else np.where(there, mesh.particle[mesh.cells], -1)
-    total, weight = np.zeros_like(mesh.points), np.zeros(len(mesh.points))
-    share = np.where(np.isin(np.arange(len(frame.u)), frame.apart), 1e-9, 1.0)
-    for corner in range(mesh.cells.shape[1]):
-        for particle in of.T:
-            known = there[:, corner] & (particle >= 0)
-            point, i = mesh.cells[known, corner], particle[known]
-            arm = mesh.points[point] - frame.position[i, :dim]
-            u = frame.u[i, :dim] + np.einsum("nij,nj->ni", frame.F[i, :dim, :dim], arm) - arm
-            weight += np.bincount(point, share[i], len(weight))
-            total += np.stack([np.bincount(point, share[i] * u[:, k], len(weight)) for k in range(dim)], axis=1)
-    u = total / np.maximum(weight, np.finfo(float).tiny)[:, None]
-    if mesh.on == "points":
-        own = mesh.particle >= 0
-        u[own] = frame.u[mesh.particle[own], :dim]
-    return np.hstack([mesh.points, u])
-
-
 def deformed_tiles(frame: Frame, factor: float, tiles: Tiles) -> np.ndarray:
     """Where the corners of tiles are drawn: moved with the points of the mesh, or with the particle where bonds of it
     have failed, so that cracks open."""
     dim = tiles.corners.shape[2] // 2
     X, u = np.split(tiles.corners, 2, axis=2)
-    corners, alone = X + factor * u, np.isin(tiles.owner, frame.apart)
+    corners, alone = X + factor * u, frame.alone[tiles.owner]
     own = tiles.owner[alone]
     corners[alone] = deformed(frame, factor, X[alone] - frame.position[own, None, :dim], own)
     return corners

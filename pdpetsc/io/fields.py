@@ -40,9 +40,13 @@ class FieldWriter:
         particles: the distributed particles.
         times: times of the steps before this run, when it goes on with an earlier one: their fields are kept.
         fields: names of `quantities` that are written.
+        cracked: mask of the owned particles that have lost bonds to cracks before the start.
     """
 
-    def __init__(self, directory: Path, particles: Particles, times: dict[int, float], fields: tuple[str, ...]):
+    def __init__(
+        self, directory: Path, particles: Particles, times: dict[int, float], fields: tuple[str, ...],
+        cracked: np.ndarray,
+    ):  # fmt: skip
         self._directory = directory
         self._fields = fields
         self._particles, self._count = particles, particles.count
@@ -59,8 +63,10 @@ class FieldWriter:
             warn(particles.comm, f"{directory / HDF5}: is damaged; it is now {ASIDE}, and a new one is begun")
         with open_file(particles.comm, directory / HDF5, "w") as file:
             self._write_body(file, "")
-            if particles.mesh is not None and file.file is not None:
-                write_mesh(file.file, particles.mesh)
+            if mpi.bcast(particles.mesh is not None):
+                if file.file is not None:
+                    write_mesh(file.file, particles.mesh)
+                self._write(file, f"{MESH}/cracked", cracked.astype(np.int32))
 
     def _write_body(self, file: SharedFile, group: str) -> None:
         p = self._particles

@@ -10,8 +10,8 @@ import numpy as np
 
 from pdpetsc.body.cells import Mesh
 from pdpetsc.errors import InputError
+from pdpetsc.io import tiles
 from pdpetsc.io.fields import HDF5, body_of, read_mesh, written_steps
-from pdpetsc.io.tiles import reached
 from pdpetsc.io.view import Section, View
 from pdpetsc.quantities import AXES, QUANTITIES, component, scalar
 
@@ -27,8 +27,9 @@ class Frame(NamedTuple):
 
     Attributes:
         torn: (n, 3, 2) whether the bond to the next particle has failed, in each direction of the axes, - and +.
-        mesh: whose cells or points the particles are; None: they are those of a lattice, or a cloud.
+        mesh: the cells that are seen, whose particles are in them or on their points; None: of a lattice, or a cloud.
         apart: (k, 2) particles of a mesh whose bonds have failed.
+        alone: mask of those of them that have lost bonds, before the start too: cracks open there.
     """
 
     position: np.ndarray
@@ -40,6 +41,7 @@ class Frame(NamedTuple):
     torn: np.ndarray
     mesh: Mesh | None
     apart: np.ndarray
+    alone: np.ndarray
 
 
 class Range(NamedTuple):
@@ -147,27 +149,51 @@ def read_frame(file: h5py.File, step: str, view: View, broken: Broken | None = N
     failed = None if broken is None else broken.ends[broken.step <= int(step)]
     torn = torn_faces(position, spacing, None if mesh else failed)
     apart = failed_pairs(position, spacing, failed if mesh else None)
-    frame = Frame(position, spacing, volume, u, F, shown_values(view, group[view.field][...]), torn, mesh, apart)
+    alone = file["mesh/cracked"][...] > 0 if mesh else np.zeros(len(u), bool)
+    alone[apart] = True
+    frame = Frame(position, spacing, volume, u, F, shown_values(view, group[view.field][...]), torn, mesh, apart, alone)
     return frame if view.section is None else behind(frame, view.section)
 
 
 def behind(frame: Frame, section: Section) -> Frame:
-    """The particles with cells behind a plane, as seen by the viewer; all those of a mesh, of others without values.
+    """The particles with cells behind a plane, as seen by the viewer; of a mesh the cells, and all particles, those
+    before the plane without values.
 
     Raises:
         InputError: the plane misses the body.
     """
+    if frame.mesh is not None:
+        X = frame.mesh.points[:, section.axis]
+        if not X.min() < section.at < X.max():
+            raise _missed(section, X.min(), X.max())
+        mesh = tiles.behind(frame.mesh, section)
+        hidden = np.ones(len(frame.values), bool)
+        hidden[mesh.particle[mesh.particle >= 0]] = False
+        return frame._replace(mesh=mesh, values=np.where(hidden, np.nan, frame.values))
     towards = 1 if section.side else -1
     depth = towards * (section.at - frame.position[:, section.axis]) / frame.spacing + 0.5
     kept = depth > 1e-6
     if not kept.any() or depth.min() > 1 - 1e-6:
-        X, half, axis = frame.position[:, section.axis], frame.spacing / 2, AXES[section.axis]
-        low, high = (X - half).min(), (X + half).max()
-        raise InputError(f"--section {axis}={section.at:g}: misses the body, which goes from {low:g} to {high:g}")
-    if frame.mesh is not None:
-        return frame._replace(values=np.where(reached(frame.mesh, len(frame.values), section), frame.values, np.nan))
-    particles = {name: values[kept] for name, values in frame._asdict().items() if name not in ("mesh", "apart")}
+        X, half = frame.position[:, section.axis], frame.spacing / 2
+        raise _missed(section, (X - half).min(), (X + half).max())
+    particles = {
+        name: values[kept] for name, values in frame._asdict().items() if name not in ("mesh", "apart", "alone")
+    }
     return frame._replace(**particles)
+
+
+def _missed(section: Section, low: float, high: float) -> InputError:
+    axis = AXES[section.axis]
+    return InputError(f"--section {axis}={section.at:g}: misses the body, which goes from {low:g} to {high:g}")
+
+
+def extent(frame: Frame, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the box round the body before deformation."""
+    if frame.mesh is not None:
+        X = np.pad(frame.mesh.points, ((0, 0), (0, 3 - dim)))
+        return X.min(axis=0), X.max(axis=0)
+    half = frame.spacing[:, None] / 2 * (np.arange(3) < dim)
+    return (frame.position - half).min(axis=0), (frame.position + half).max(axis=0)
 
 
 def shown_values(view: View, values: np.ndarray) -> np.ndarray:
@@ -201,8 +227,8 @@ def failed_pairs(position: np.ndarray, spacing: np.ndarray, failed: np.ndarray |
     """The particles at the ends (k, 2, dim) of bonds, (k, 2)."""
     if failed is None or not len(failed):
         return np.empty((0, 2), np.int64)
-    (i, near), (j, there) = (_nearest(position, spacing, failed[:, end]) for end in (0, 1))
-    return np.stack([i, j], axis=1)[near & there]
+    i, near = _nearest(position, spacing, failed.reshape(-1, failed.shape[2]))
+    return i.reshape(-1, 2)[near.reshape(-1, 2).all(axis=1)]
 
 
 def _nearest(position: np.ndarray, spacing: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,19 +240,59 @@ def _nearest(position: np.ndarray, spacing: np.ndarray, place: np.ndarray) -> tu
     return i, distance < spacing[i] / 4
 
 
+def tile_places(frame: Frame) -> np.ndarray:
+    """The points of a frame's mesh and their displacements, (points, 2 dim).
+
+    The displacements are those of the particles on them, or the mean of what those of the cells around would give them,
+    u + (F - 1) (X - X_i), without those whose bonds have failed if there are others.
+    """
+    mesh, dim = frame.mesh, frame.mesh.points.shape[1]
+    if mesh.on == "points" and (mesh.particle >= 0).all():
+        return np.hstack([mesh.points, frame.u[mesh.particle, :dim]])
+    there = mesh.cells >= 0
+    of = mesh.particle[:, None] if mesh.on == "cells" else mesh.corners_of(mesh.particle, -1)
+    total, weight = np.zeros_like(mesh.points), np.zeros(len(mesh.points))
+    share = np.where(frame.alone, 1e-9, 1.0)
+    for corner in range(mesh.cells.shape[1]):
+        for particle in of.T:
+            known = there[:, corner] & (particle >= 0)
+            point, i = mesh.cells[known, corner], particle[known]
+            arm = mesh.points[point] - frame.position[i, :dim]
+            u = frame.u[i, :dim] + np.einsum("nij,nj->ni", frame.F[i, :dim, :dim], arm) - arm
+            weight += np.bincount(point, share[i], len(weight))
+            total += np.stack([np.bincount(point, share[i] * u[:, k], len(weight)) for k in range(dim)], axis=1)
+    u = total / np.maximum(weight, np.finfo(float).tiny)[:, None]
+    if mesh.on == "points":
+        own = mesh.particle >= 0
+        u[own] = frame.u[mesh.particle[own], :dim]
+    return np.hstack([mesh.points, u])
+
+
 def common_range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:
-    """Of frames that are gone through twice."""
+    """Of frames that are gone through twice.
+
+    Raises:
+        InputError: a mesh has not the dimensions of the body.
+    """
     size, largest, values, ends = 0.0, 0.0, [], []
     for frame in frames():
+        if frame.mesh is not None and frame.mesh.points.shape[1] != dim:
+            raise InputError(f"{HDF5}: is damaged: the dimensions of its mesh are not the {dim} of the body")
         size = max(size, float(np.ptp(frame.position, axis=0).max()))
         largest = max(largest, float(np.sqrt((frame.u**2).sum(axis=1)).max()))
         shown = frame.values[np.isfinite(frame.values)]
         values += [float(shown.min(initial=np.inf)), float(shown.max(initial=-np.inf))]
     factor = VISIBLE * size / largest if 0 < largest < VISIBLE * size / 5 else 1.0
     for frame in frames():
-        half = frame.spacing[:, None] / 2 * (np.arange(3) < dim)
-        x = frame.position + factor * frame.u
-        ends.append(((x - half).min(axis=0), (x + half).max(axis=0)))
+        some = slice(None) if frame.mesh is None else frame.alone
+        half = frame.spacing[some, None] / 2 * (np.arange(3) < dim)
+        x = (frame.position + factor * frame.u)[some]
+        points = [x - half, x + half]
+        if frame.mesh is not None:
+            places = tile_places(frame)
+            points.append(np.pad(places[:, :dim] + factor * places[:, dim:], ((0, 0), (0, 3 - dim))))
+        points = np.concatenate(points)
+        ends.append((points.min(axis=0), points.max(axis=0)))
     lows, highs = (np.array(side) for side in zip(*ends, strict=True))
     return Range(factor, _limits(min(values), max(values)), lows.min(axis=0), highs.max(axis=0))
 

@@ -4,14 +4,13 @@ import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.progress import track
 
 from pdpetsc.io.cells import surface
 from pdpetsc.io.fields import written_steps
 from pdpetsc.io.flat import draw_line, draw_plane
-from pdpetsc.io.frames import Frame, Range, chosen_step, common_range, open_fields, read_broken, read_frame
+from pdpetsc.io.frames import Frame, Range, chosen_step, common_range, extent, open_fields, read_broken, read_frame
 from pdpetsc.io.rendering import render
 from pdpetsc.io.solid import draw_solid
 from pdpetsc.io.tables import in_time
@@ -163,8 +162,11 @@ def _solid(figure, frame: Frame, common: Range, summary: dict, view: View, image
     axes = figure.add_subplot()
     axes.imshow(image)
     axes.set(xticks=[], yticks=[], frame_on=False)
-    ends = frame.position if frame.mesh is None else frame.mesh.points
-    sizes = np.ptp(ends, axis=0) + (frame.spacing.max() if frame.mesh is None else 0)
+    low, high = extent(frame, 3)
+    if (cut := view.section) is not None:
+        end = high if cut.side else low
+        end[cut.axis] = cut.at
+    sizes = high - low
     axes.set_xlabel(f"{' x '.join(f'{size:.3g}' for size in sizes)} {summary['units']['length']}", parse_math=False)
     return axes, ScalarMappable(cmap=_colours(common)), dict(shrink=0.8, pad=0.03)
 

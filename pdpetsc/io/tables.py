@@ -140,8 +140,10 @@ def write_summary(path: Path, summary: dict) -> None:
 
 
 def _reason(error: OSError | ValueError) -> str:
-    """Which file, and why it is not read."""
-    return f"{Path(error.filename).name}: {error.strerror}" if isinstance(error, OSError) else str(error)
+    """Which file, where that is known, and why it is not read."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{Path(error.filename).name}: {error.strerror}"
+    return str(error)
 
 
 def read_summary(directory: Path) -> dict:

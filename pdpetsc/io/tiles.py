@@ -57,9 +57,8 @@ class _Facets(NamedTuple):
 def areas(mesh: Mesh, places: np.ndarray) -> Tiles:
     """What belongs to the particles of a plane body."""
     parts = []
-    for _, rows in mesh.kinds():
-        corners = mesh.cells[rows]
-        corners = corners[:, : (corners[:1] >= 0).sum()]
+    for kind, rows in mesh.kinds():
+        corners = mesh.cells[rows, : kind.corners]
         if mesh.on == "cells":
             parts.append(Tiles(_filled(places[corners], 4), mesh.particle[rows]))
         else:
@@ -81,7 +80,7 @@ def faces(mesh: Mesh, places: np.ndarray, apart: np.ndarray, cut: Section | None
 
     Args:
         apart: (k, 2) ids of particles whose bonds have failed.
-        cut: only what is behind this plane.
+        cut: only what is behind this plane; the mesh has no cells that are not (`behind`).
     """
     facets = _facets(mesh)
     seen = [_outside(mesh, places, facets), _between(mesh, places, facets, apart)]
@@ -90,18 +89,12 @@ def faces(mesh: Mesh, places: np.ndarray, apart: np.ndarray, cut: Section | None
     return Tiles.joined(seen)
 
 
-def reached(mesh: Mesh, count: int, cut: Section) -> np.ndarray:
-    """Mask of the particles, `count` in all, that have something behind a plane."""
-    depth = _depth(mesh.points, cut)
-    corners = np.where(mesh.cells >= 0, mesh.cells, mesh.cells[:, :1])
-    cells = depth[corners].max(axis=1) > 0
-    of = mesh.particle[cells] if mesh.on == "cells" else mesh.particle[corners[cells]].ravel()
-    mask = np.zeros(count, bool)
-    mask[of[of >= 0]] = True
-    return mask
+def behind(mesh: Mesh, cut: Section) -> Mesh:
+    """The cells of a mesh that have something behind a plane."""
+    return mesh.part(mesh.corners_of(depth(mesh.points, cut), -np.inf).max(axis=1) > 0)
 
 
-def _depth(points: np.ndarray, cut: Section) -> np.ndarray:
+def depth(points: np.ndarray, cut: Section) -> np.ndarray:
     """How far behind a plane places (..., m) are."""
     return (1 if cut.side else -1) * (cut.at - points[..., cut.axis])
 
@@ -191,35 +184,35 @@ def _pair(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _middles(mesh: Mesh, places: np.ndarray) -> np.ndarray:
     """The mean of each cell's corners."""
-    there = mesh.cells >= 0
-    return (places[mesh.cells] * there[..., None]).sum(axis=1) / there.sum(axis=1)[:, None]
+    return mesh.corners_of(places, 0.0).sum(axis=1) / (mesh.cells >= 0).sum(axis=1)[:, None]
 
 
 def _behind(tiles: Tiles, cut: Section) -> Tiles:
     """What of tiles is behind a plane."""
     corners = tiles.corners
     following = np.roll(corners, -1, axis=1)
-    here, there = _depth(corners, cut), _depth(following, cut)
+    here, there = depth(corners, cut), depth(following, cut)
+    some = here.max(axis=1) > 0  # not what lies in the plane
+    corners, following, here, there = (values[some] for values in (corners, following, here, there))
     points = np.stack([corners, _crossings(corners, following, here, there)], axis=2)
     kept = np.stack([here >= 0, here * there < 0], axis=2)
     count = 2 * corners.shape[1]
     return _compact(
-        points.reshape(len(corners), count, corners.shape[2]), kept.reshape(len(corners), count), tiles.owner
+        points.reshape(len(corners), count, corners.shape[2]), kept.reshape(len(corners), count), tiles.owner[some]
     )
 
 
 def _section(mesh: Mesh, places: np.ndarray, facets: _Facets, cut: Section) -> Tiles:
     """The plane that cuts a mesh open."""
-    depth, corners = _depth(mesh.points, cut), np.where(mesh.cells >= 0, mesh.cells, mesh.cells[:, :1])
-    crossed = (depth[corners].min(axis=1) < 0) & (depth[corners].max(axis=1) >= 0)
+    crossed = mesh.corners_of(depth(mesh.points, cut), np.inf).min(axis=1) <= 0
     some = crossed[facets.cell]
     base, cell = _pieces(mesh, places, _Facets(*(values[some] for values in facets)))
     kept = base.owner >= 0
     pyramid = np.concatenate([base.corners, _middles(mesh, places)[cell][:, None]], axis=1)[kept]
     a, b = pyramid[:, PYRAMID[:, 0]], pyramid[:, PYRAMID[:, 1]]
-    behind, before = _depth(a, cut), _depth(b, cut)
-    crossing = (behind >= 0) != (before >= 0)
-    points = _crossings(a, b, behind, before)
+    first, second = depth(a, cut), depth(b, cut)
+    crossing = (first > 0) != (second > 0)
+    points = _crossings(a, b, first, second)
     weight = crossing / np.maximum(crossing.sum(axis=1), 1)[:, None]
     centre = (points * weight[..., None]).sum(axis=1, keepdims=True)
     across = [axis for axis in range(3) if axis != cut.axis]

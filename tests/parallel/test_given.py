@@ -160,12 +160,12 @@ def test_pictures_have_the_mesh(comm, shared_tmp_path, particles):
     p = distributed_particles(PETSc.COMM_WORLD, case_of(body=body))
     place = whole(comm, p, p.position[: p.owned])
     assert (p.mesh is None) == (comm.rank > 0)
-    FieldWriter(shared_tmp_path, p, {}, ("u",))
+    FieldWriter(shared_tmp_path, p, {}, ("u",), p.position[: p.owned, 1] > 0)
     with h5py.File(shared_tmp_path / HDF5, "r") as file:
         mesh = read_mesh(file)
-        position = file["position"][:, :2]
+        position, cracked = file["position"][:, :2], file["mesh/cracked"][...]
     comm.Barrier()
-    assert np.array_equal(position, place)
+    assert np.array_equal(position, place) and np.array_equal(cracked, place[:, 1] > 0)
     middle = mesh.points[mesh.cells].mean(axis=1) if particles == "cells" else mesh.points
     there = mesh.particle >= 0
     assert np.array_equal(mesh.particle[there], np.arange(p.count)) and 0 < p.count < len(there)
