@@ -293,7 +293,7 @@ def test_bad_input_on_several_ranks(run_pdpetsc):
 @pytest.mark.parametrize(("change", "code"), [("solver.steps=2", 0), ("body.spacing=-1", 2)])
 def test_json_lines(change, code, run_pdpetsc):
     """Each line of standard output is an event, on several ranks too, and the last one tells the exit code."""
-    run = run_pdpetsc(2, "clamped_beam", "--set", change, "--json-lines", "--out", "it", "-nobody", "1")
+    run = run_pdpetsc(2, "clamped_beam", "--set", change, "--json-lines", "--out", "it", "-nobody", "1", limit=300)
     events = [json.loads(text) for text in run.stdout.splitlines()]
     names = [event["event"] for event in events]
     assert run.returncode == code and events[-1] == {"event": "end", "exit_code": code}
