@@ -19,7 +19,7 @@ from pdpetsc.case import Case
 from pdpetsc.census import QUICK, take_census
 from pdpetsc.errors import InputError, at
 from pdpetsc.influence import bond_weights, influence_function
-from pdpetsc.loads.building import loaded_surfaces
+from pdpetsc.loads.building import check_surfaces, loaded_surfaces
 from pdpetsc.materials.base import Material, Neighbourhood
 from pdpetsc.materials.one_way import one_way_bonds
 from pdpetsc.parallel import collective, warn
@@ -46,6 +46,24 @@ def distributed_particles(comm: PETSc.Comm, case: Case) -> Particles:
         with collective(mpi):
             checked_apart(p.position, p.spacing, source.path, noun, p.id + 1, "leave one of them out")
     return p
+
+
+def check_places(comm: PETSc.Comm, case: Case) -> None:
+    """See that the sets and surfaces that loads, probes and materials name hold something; the body is made for it
+    (collective).
+
+    Raises:
+        InputError: one of them holds nothing.
+    """
+    p = distributed_particles(comm, case)
+    sets = Sets.of(p, case.sets)
+    specs = [*case.load, *case.probe]
+    for name in dict.fromkeys(getattr(spec, "set", None) for spec in specs):
+        if name is not None:
+            sets[name]
+    for name in dict.fromkeys(spec.where for spec in case.material.values()):
+        sets[name]
+    check_surfaces(case, p)
 
 
 def _loaded(case: Case) -> Callable[[Facets, np.ndarray], np.ndarray] | None:

@@ -25,7 +25,8 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str):
         unknown = message.removeprefix("unrecognized arguments: ").split()[0]
         near = hint(unknown, OPTIONS) if message.startswith("unrecognized") else ""
-        raise InputError(f"{message}{near}; see pdpetsc --help")
+        command = next((word for word in sys.argv[1:] if word in COMMANDS), "")
+        raise InputError(f"{message}{near}; see {' '.join(filter(None, ('pdpetsc', command, '--help')))}")
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -92,7 +93,7 @@ def _check_words(command: str, words: list[str]) -> None:
         )
 
 
-PICTURES = {"field": None, "component": None, "step": None, "section": None, "animate": False}
+PICTURES = {"field": None, "component": None, "step": None, "section": None, "scale": None, "animate": False}
 """What is drawn of a body, and what is where it is not given."""
 
 
@@ -206,7 +207,8 @@ def _do(request: argparse.Namespace, comm) -> int:
         from pdpetsc import pictures
         from pdpetsc.io.view import View, section
 
-        view = View(request.field, request.component, request.step, request.section and section(request.section))
+        cut = request.section and section(request.section)
+        view = View(request.field, request.component, request.step, cut, request.scale)
         return pictures.plot(Path(request.operand), view, request.animate, request.curve, request.convergence)
     elif request.command == "report":
         from pdpetsc import pictures

@@ -138,6 +138,8 @@ OPTIONS = {
     "--component": Option(("plot",), "of the field: x, xx, magnitude, von_mises, 1 (principal value)", "NAME"),
     "--step": Option(("plot",), "of the field file (default: the last)", "N", kind=int),
     "--section": Option(("plot",), "where a body of three dimensions is cut open, as x=0.05", "PLANE"),
+    "--scale": Option(("plot",), "factor of the displacements that are drawn (default: 1, or what shows small ones)",
+                      "NUMBER", kind=float),
     "--animate": Option(("plot",), "all steps of the field file, as DIR/NAME.gif"),
     "--curve": Option(("plot",), "columns of history.csv, Y over X, as DIR/curve.png (default: as in the case)",
                       "[X Y]", words=True),
@@ -152,11 +154,14 @@ OPTIONS = {
     "--units": Option(("new",), "of all numbers: m with N, s, Pa, or mm with N, s, MPa (default: m)", "UNITS",
                       ("m", "mm")),
     "--size": Option(("new",), "lengths of the body's sides, as 0.1,0.04", "X,Y,Z"),
+    "--thickness": Option(("new",), "of a plane body (default: a fourth of the shorter side)", "NUMBER"),
+    "--plane": Option(("new",), "strain, of thick parts, or stress, of sheets (default: strain)", "STATE",
+                      ("strain", "stress")),
     "--E": Option(("new",), "Young's modulus", "NUMBER"),
     "--nu": Option(("new",), "Poisson's ratio; not for bond, which has a fixed one", "NUMBER"),
     "--hole": Option(("new",), "radius of a round hole in the middle; 0 for none", "R"),
     "--schema": Option(("new",), "write the schema for editors beside the case, too"),
-    "--force": Option(("new",), "replace a file that is there"),
+    "--force": Option(("new",), "replace a file that is there; no load"),
 }  # fmt: skip
 FOR_ALL = {"--version": "print the version", "-h, --help": "print this text, or that of a command; -help is PETSc's"}
 

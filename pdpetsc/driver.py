@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from pdpetsc import __version__, events
 from pdpetsc.advice import advise
+from pdpetsc.building import check_places
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK
 from pdpetsc.compiling import compiling_announced
@@ -36,6 +37,9 @@ from pdpetsc.prediction import check_fits, predict, report
 from pdpetsc.run import Run
 from pdpetsc.signals import SILENCE, listening
 from pdpetsc.terminal import painted
+
+SMALL = 300_000
+"""Particles of a body that is made to see whether its sets and surfaces hold something."""
 
 
 def run(case: Case, out: Path, quiet: bool = False) -> int:
@@ -117,6 +121,8 @@ def check(case: Case, ranks: int | None = None) -> int:
     events.tell(comm, "prediction", available=available, **asdict(prediction))
     for text in advise(case, prediction):
         warn(comm, text)
+    if prediction.particles <= SMALL:
+        check_places(PETSc.COMM_WORLD, case)
     try:
         check_fits(prediction, available and available / prediction.ranks)
     except InputError as error:

@@ -200,10 +200,7 @@ def report(p: Prediction, units, available: float | None) -> str:
     about = "" if p.exact else "about "
     entries, memory = p.entries, {kind: bytes / GIB for kind, bytes in p.memory.items()}
     ranks = f"on each of {p.ranks} ranks" if p.ranks > 1 else "on one rank"
-    if p.time_step is None:
-        step = f"unknown for explicit dynamics: no density in material {', '.join(p.without_density)}"
-    else:
-        step = f"up to about {p.time_step:.3g} {units.time} in explicit dynamics"
+    step = f"up to about {p.time_step or 0:.3g} {units.time} in explicit dynamics"
     machine = "unknown" if available is None else f"{available / GIB:.3g} GiB, shared by the ranks on it"
     rows = {
         "dimension": str(p.dim),
@@ -215,6 +212,5 @@ def report(p: Prediction, units, available: float | None) -> str:
         "solver": p.solver,
         "memory": f"{memory['assembled']:.3g} GiB assembled, {memory['matrix_free']:.3g} GiB matrix-free, {ranks}",
         "available": machine,
-        "time step": step,
-    }
+    } | ({} if p.time_step is None else {"time step": step})  # static cases give no density
     return "\n".join(f"{name:11}{text}" for name, text in rows.items())

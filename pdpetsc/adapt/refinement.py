@@ -110,7 +110,7 @@ class Refinement:
         body = distribute(p.comm, points, self.tolerance)
         state = replace(state, **{name: body.carried.pop(name) for name in fields})
         body.carried.pop("density", None)
-        return body, sets.inherited(body.carried.pop("sets")), state
+        return body, sets.inherited(body, body.carried.pop("sets")), state
 
 
 def before(p: Particles) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -107,11 +107,11 @@ def enormous_loads(case: Case, known: Known) -> Iterator[str]:
 def thickness_left_out(case: Case, known: Known) -> Iterator[str]:
     body = case.body
     forces = [index for index, load in enumerate(case.load) if load.kind == "force"]
-    if body.dim < 3 and forces and "thickness" not in body.model_fields_set and max(body.size) < 0.5:
+    if body.dim < 3 and forces and "thickness" not in body.model_fields_set:
         what = "thickness" if body.dim == 2 else "cross-section"
         yield (
-            f"load.{forces[0]}: a total force acts on a body whose {what} is left at 1, more than its other sides; "
-            "give body.thickness"
+            f"load.{forces[0]}: a total force acts on a body whose {what} is left at 1, over which it is shared; give "
+            "body.thickness, be it 1"
         )
 
 

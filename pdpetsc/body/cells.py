@@ -47,6 +47,9 @@ BY_CORNERS = {(kind.dim, kind.corners): kind for kind in KINDS.values()}
 
 CORNERS = {"vertex": 1, "line": 2} | {name: kind.corners for name, kind in KINDS.items()}
 
+TWIST = 0.2
+"""Part of what is seen from a cell's middle that may turn its back, where the cell is warped."""
+
 GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 """Two points on [0, 1], exact to the third degree."""
 
@@ -109,6 +112,21 @@ def volumes_and_middles(kind: Kind, corners: np.ndarray) -> tuple[np.ndarray, np
             moment += x**2 * area / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         return volume, origin + moment / volume[:, None]
+
+
+def twisted(kind: Kind, corners: np.ndarray) -> np.ndarray:
+    """Mask of the cells whose facets cross, as of corners in another order: seen from their middle, some turn their
+    back and others their face, by more than `TWIST` of all."""
+    arms = corners - corners.mean(axis=1)[:, None]
+    parts = []
+    for facet in kind.facets:
+        x = arms[:, facet]
+        if kind.dim == 2:
+            parts.append((x.mean(axis=1) * area_vectors(x)).sum(axis=1))
+        else:  # seen from the middle, the triangle at each corner
+            after, before = np.roll(x, -1, axis=1), np.roll(x, 1, axis=1)
+            parts += list((np.cross(after - x, before - x) * x).sum(axis=2).T)
+    return np.abs(parts).sum(axis=0) > (1 + TWIST) * np.abs(np.sum(parts, axis=0))
 
 
 def _points(corners: np.ndarray):

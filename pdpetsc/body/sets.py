@@ -17,13 +17,14 @@ class Sets:
     Args:
         mpi: mpi4py communicator.
         masks: (owned,) of each set.
+        X: (owned, dim) where the particles are.
 
     Raises:
         InputError: a set that is used contains no particle on any rank (collective).
     """
 
-    def __init__(self, mpi, masks: dict[str, np.ndarray]):
-        self._mpi, self._masks = mpi, masks
+    def __init__(self, mpi, masks: dict[str, np.ndarray], X: np.ndarray):
+        self._mpi, self._masks, self._X = mpi, masks, X
 
     @classmethod
     def of(cls, particles: Particles, specs: dict) -> "Sets":
@@ -31,7 +32,7 @@ class Sets:
         particles carry in a column of their own whether they belong; it ends here (collective)."""
         n = particles.owned
         X = particles.position[:n]
-        sets = cls(particles.comm.tompi4py(), {"all": np.ones(n, bool)})
+        sets = cls(particles.comm.tompi4py(), {"all": np.ones(n, bool)}, X)
         place = coordinates(X, particles.spacing[:n])
         with collective(sets._mpi):
             for name, spec in specs.items():
@@ -50,9 +51,9 @@ class Sets:
         """(owned, sets) of zeros and ones, in which particles carry what sets they belong to."""
         return np.stack(list(self._masks.values()), axis=1).astype(float)
 
-    def inherited(self, columns: np.ndarray) -> "Sets":
+    def inherited(self, particles: Particles, columns: np.ndarray) -> "Sets":
         """The sets of particles that have carried these columns with them."""
-        return Sets(self._mpi, dict(zip(self._masks, columns.T > 0)))
+        return Sets(self._mpi, dict(zip(self._masks, columns.T > 0)), particles.position[: particles.owned])
 
     def _nearest(self, X, ids, point) -> np.ndarray:
         """The nearest particle; among equally near ones that of the lowest id."""
@@ -65,5 +66,18 @@ class Sets:
     def __getitem__(self, name: str) -> np.ndarray:
         mask = self._masks[name]
         if not self._mpi.allreduce(int(mask.sum())):
-            raise InputError(f"sets.{name}: no particle lies in this set; its condition is false at every particle")
+            raise InputError(
+                f"sets.{name}: no particle lies in this set; its condition is false at every particle, and they have "
+                f"{self._range()}"
+            )
         return mask
+
+    def _range(self) -> str:
+        """Where particles are, in words (collective)."""
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        if len(self._X):
+            low[: self._X.shape[1]], high[: self._X.shape[1]] = self._X.min(axis=0), self._X.max(axis=0)
+        low = np.min(self._mpi.allgather(low), axis=0)
+        high = np.max(self._mpi.allgather(high), axis=0)
+        ends = [f"{axis} from {a:g} to {b:g}" for axis, a, b in zip("XYZ", low, high) if np.isfinite(a)]
+        return ", ".join(ends)

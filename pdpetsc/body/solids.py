@@ -17,6 +17,7 @@ from pdpetsc.body.cells import (
     numbered,
     padded,
     shares_of_facets,
+    twisted,
     volumes_and_middles,
 )
 from pdpetsc.body.columns import Given, checked_apart, checked_positions
@@ -191,6 +192,12 @@ def _cells(mesh: meshio.Mesh, points: np.ndarray, source) -> _Cells:
         if len(flat):
             what = "area" if dim == 2 else "volume"
             raise InputError(f"{path}: cell {number[some[flat]].min()} ({name}) has no {what}; mend the mesh there")
+        crossed = np.flatnonzero(twisted(KINDS[name], place))
+        if len(crossed):
+            raise InputError(
+                f"{path}: cell {number[some[crossed]].min()} ({name}) has facets that cross each other; are its "
+                "corners in the order of the format, round one face and then round the opposite one?"
+            )
     return _Cells(joined, number, np.abs(volume), middle, volume < 0, where)
 
 

@@ -127,7 +127,7 @@ def read_particles(directory: Path, first: Particles, sets: Sets, tolerance: flo
     mine = facets.chosen((facets.parent >= start) & (facets.parent < stop))
     points = Points(np.arange(start, stop), **columns, facets=mine, carried=carried)
     particles = distribute(comm, points, tolerance)
-    return particles, sets.inherited(particles.carried.pop("sets"))
+    return particles, sets.inherited(particles, particles.carried.pop("sets"))
 
 
 FINEST = 1e-4

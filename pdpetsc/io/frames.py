@@ -268,8 +268,8 @@ def tile_places(frame: Frame) -> np.ndarray:
     return np.hstack([mesh.points, u])
 
 
-def common_range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:
-    """Of frames that are gone through twice.
+def common_range(frames: Callable[[], Iterable[Frame]], dim: int, scale: float | None = None) -> Range:
+    """Of frames that are gone through twice; `scale`: as of a View.
 
     Raises:
         InputError: a mesh has not the dimensions of the body.
@@ -283,6 +283,7 @@ def common_range(frames: Callable[[], Iterable[Frame]], dim: int) -> Range:
         shown = frame.values[np.isfinite(frame.values)]
         values += [float(shown.min(initial=np.inf)), float(shown.max(initial=-np.inf))]
     factor = VISIBLE * size / largest if 0 < largest < VISIBLE * size / 5 else 1.0
+    factor = factor if scale is None else scale
     for frame in frames():
         some = slice(None) if frame.mesh is None else frame.alone
         half = frame.spacing[some, None] / 2 * (np.arange(3) < dim)

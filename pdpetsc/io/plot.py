@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import track
 
@@ -16,7 +17,7 @@ from pdpetsc.io.solid import draw_solid
 from pdpetsc.io.tables import in_time
 from pdpetsc.io.view import View, check
 from pdpetsc.quantities import AXES, QUANTITIES, label
-from pdpetsc.units import bracketed
+from pdpetsc.units import bracketed, text
 
 SECONDS = 8.0
 """Length of an animation."""
@@ -47,7 +48,7 @@ def picture(directory: Path, summary: dict, view: View):
     with open_fields(directory) as file:
         step = chosen_step(file, view.step)
         frame = read_frame(file, step, view, read_broken(directory, summary["dim"]))
-    common = common_range(lambda: [frame], summary["dim"])
+    common = common_range(lambda: [frame], summary["dim"], view.scale)
     figure = Figure()
     images = _rendered([frame], common, summary, view)
     _draw(figure, summary, view, frame, common, step, images and images[0])
@@ -72,7 +73,7 @@ def animate_result(directory: Path, summary: dict, view: View, name: str) -> Pat
         def frames() -> Iterable[Frame]:
             return (read_frame(file, step, view, broken) for step in steps)
 
-        common = common_range(frames, summary["dim"])
+        common = common_range(frames, summary["dim"], view.scale)
         images = _rendered(frames(), common, summary, view) or [None] * len(steps)
         writer, figure = PillowWriter(fps=min(20.0, max(1.0, len(steps) / SECONDS))), Figure()
         path = directory / f"{name}.gif"
@@ -107,7 +108,7 @@ def _draw(figure, summary: dict, view: View, frame: Frame, common: Range, step: 
     """
     dim, units = summary["dim"], summary["units"]
     what = label(view.field, view.component) + bracketed(QUANTITIES[view.field].unit, units)
-    title = dict(label=_title(summary, view, common, step), fontsize="medium", parse_math=False)
+    title = dict(label=_title(summary, view, frame, common, step), fontsize="medium", parse_math=False)
     if dim < 3 or image is not None:  # else it would cut off what is written at the axes
         figure.set_layout_engine("constrained")
     torn = view.field != "damage"  # which shows cracks by itself
@@ -171,8 +172,8 @@ def _solid(figure, frame: Frame, common: Range, summary: dict, view: View, image
     return axes, ScalarMappable(cmap=_colours(common)), dict(shrink=0.8, pad=0.03)
 
 
-def _title(summary: dict, view: View, common: Range, step: str) -> str:
-    """What is seen, at which t, and how: two lines, or three of a long title."""
+def _title(summary: dict, view: View, frame: Frame, common: Range, step: str) -> str:
+    """What is seen, at which t, how, and where it is largest: three lines, or four of a long title."""
     time = next((row["time"] for row in summary["steps"] if row["step"] == int(step)), None)
     length = summary["units"]["length"]
     parts = [f"step {int(step)}" if time is None else f"t = {time:.4g}"]
@@ -183,4 +184,19 @@ def _title(summary: dict, view: View, common: Range, step: str) -> str:
     if view.section is not None:
         parts.append(f"cut at {AXES[view.section.axis]} = {view.section.at:g} {length}")
     title = textwrap.wrap(summary["title"] or summary["case"], 70, max_lines=2, placeholder=" ...")
-    return "\n".join([*title, ", ".join(parts)])
+    return "\n".join([*title, ", ".join(parts), *_peaks(summary, view, frame)])
+
+
+def _peaks(summary: dict, view: View, frame: Frame) -> list[str]:
+    """A line with the largest value and its place before deformation, and of values of both signs the smallest."""
+    known = np.flatnonzero(np.isfinite(frame.values))
+    if not len(known) or view.field == "damage" or np.ptp(frame.values[known]) == 0:
+        return []
+    found, units, dim = [], summary["units"], summary["dim"]
+    for word, i in (("largest", frame.values[known].argmax()), ("smallest", frame.values[known].argmin())):
+        value = frame.values[known[i]]
+        if word == "largest" or frame.values[known].max() * value < 0:
+            place = ", ".join(f"{x:.4g}" for x in frame.position[known[i], :dim])
+            unit = text(QUANTITIES[view.field].unit, units)
+            found.append(f"{word} {value:.4g} {unit}".rstrip() + f" at ({place})")
+    return [", ".join(found)]

@@ -183,6 +183,9 @@ def _body(document: dict, summary: dict) -> list[tuple]:
     rows = [
         ("dimensions", summary["dim"]),
         (f"size [{length}]", size),
+        *([(f"thickness [{length}]", body.get("thickness", 1))] if summary["dim"] == 2 else []),
+        ("mesh", Path(body.get("mesh") or body.get("points") or "").name),
+        ("kept", body.get("keep")),
         (f"spacing [{length}]", body.get("spacing")),
         ("horizon", _horizon(body.get("horizon"), length)),
         ("particles", summary.get("particles")),

@@ -33,12 +33,14 @@ class View(NamedTuple):
         component: of the field; None: the number that stands for it, as von Mises stress.
         step: of the field file; None: the last one.
         section: where the body is cut open.
+        scale: factor by which displacements are drawn enlarged; None: one by which small ones are seen.
     """
 
     field: str | None
     component: str | None = None
     step: int | None = None
     section: Section | None = None
+    scale: float | None = None
 
     @property
     def name(self) -> str:

@@ -54,17 +54,35 @@ def tractions_of(case, p: Particles, materials: list[Material], cracks: list[Cra
             continue
         key, place = (spec.surface, spec.transfer), f"load.{number}.surface"
         if key not in surfaces:
-            with collective(mpi):
-                facets = p.facets.chosen(on_surface(p.facets, p.spacing[p.facets.parent], spec.surface, case.surfaces))
-            if not mpi.allreduce(len(facets)):
-                unfitted = case.body.keep is not None and not case.body.fitted
-                remedy = "; the border of body.keep is a surface with body.fitted = true" if unfitted else ""
-                raise InputError(f"{place}: nothing of the body lies on {spec.surface!r}{remedy}")
+            facets = _facets_on(case, p, spec.surface, place)
             with collective(mpi), at(place):
                 surfaces[key] = _surface(p, facets, materials, spec.transfer, cracks)
         axes = getattr(spec, "component", ())
         tractions.append(Traction(surfaces[key], axes, spec.value, follows(spec, materials)))
     return tractions
+
+
+def check_surfaces(case, p: Particles) -> None:
+    """See that something lies on every surface that is loaded (collective).
+
+    Raises:
+        InputError: it does not.
+    """
+    for number, spec in enumerate(case.load):
+        if _is_traction(spec):
+            _facets_on(case, p, spec.surface, f"load.{number}.surface")
+
+
+def _facets_on(case, p: Particles, surface: str, place: str) -> Facets:
+    """The facets of a surface."""
+    mpi = p.comm.tompi4py()
+    with collective(mpi):
+        facets = p.facets.chosen(on_surface(p.facets, p.spacing[p.facets.parent], surface, case.surfaces))
+    if not mpi.allreduce(len(facets)):
+        unfitted = case.body.keep is not None and not case.body.fitted
+        remedy = "; the border of body.keep is a surface with body.fitted = true" if unfitted else ""
+        raise InputError(f"{place}: nothing of the body lies on {surface!r}{remedy}")
+    return facets
 
 
 def _surface(p: Particles, facets: Facets, materials: list[Material], transfer: str, cracks: list[Crack]) -> Surface:

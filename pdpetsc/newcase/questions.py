@@ -49,7 +49,10 @@ def _poisson(text: str, answers: Answers) -> float:
 
 
 def _size(text: str, answers: Answers) -> tuple[float, ...]:
-    size = tuple(_positive(part.strip(), answers) for part in text.split(","))
+    try:
+        size = tuple(_positive(part.strip(), answers) for part in text.split(","))
+    except InputError as error:
+        raise InputError(f"{error}; lengths have commas between them, as 120,60") from None
     if len(size) != int(answers["dim"]):
         raise InputError(f"must be {answers['dim']} length(s) with commas between them, not {text!r}")
     return size
@@ -94,6 +97,14 @@ QUESTIONS = {
     ),
     "units": Question("Units: m (with N, s and Pa) or mm (with N, s and MPa)?", _choice("units"), lambda a: "m"),
     "size": Question("Lengths of its sides in {units}, with commas?", _size, lambda a: SIZES[a["units"]][a["dim"]]),
+    "thickness": Question(
+        "Thickness in {units}?", _positive, lambda a: f"{min(a['size']) / 4:g}", lambda a: a["dim"] == "2",
+        "a plane body alone has one",
+    ),
+    "plane": Question(
+        "Plane strain (thick parts) or stress (sheets)?", _choice("plane"), lambda a: "strain",
+        lambda a: a["dim"] == "2", "a plane body alone is in plane strain or stress",
+    ),
     "E": Question("Young's modulus in {stiffness}?", _positive, lambda a: STIFFNESS[a["units"]][1]),
     "nu": Question(
         "Poisson's ratio?", _poisson, lambda a: "0.3", lambda a: a["model"] != "bond",

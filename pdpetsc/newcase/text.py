@@ -9,7 +9,7 @@ from pdpetsc.errors import InputError
 
 CELLS = {"1": 100, "2": 50, "3": 24}
 """Cells along the longest side, at least."""
-ROWS = 4
+ROWS = 5
 """Rows of cells over the thinnest part, at least."""
 UNEVEN = 0.04
 """How much a cell may be stretched for the sides to be whole numbers of cells."""
@@ -162,7 +162,7 @@ def case_text(answers: dict[str, Any], first: str = "") -> str:
         2.015 if (kind, answers["model"]) == ("tension", "correspondence") else 3.015,
     )
     length, modulus, units = size[0], answers["E"], answers["units"]
-    thickness = {"1": (length / 20) ** 2, "2": min(size) / 4, "3": 1.0}[dim]
+    thickness = {"1": (length / 20) ** 2, "3": 1.0}.get(dim) or answers["thickness"]
     area = math.prod(size[1:]) * thickness
     speed = math.sqrt(modulus / DENSITY[units])
     notch = NOTCH * size[1] if dim != "1" and kind == "fracture" else 0.0
@@ -186,7 +186,7 @@ def case_text(answers: dict[str, Any], first: str = "") -> str:
         "nu": f"nu = {answers['nu']:g}\n" if "nu" in answers else "",
         "plane": {
             "1": 'plane = "stress"  # a bar: its sides are free',
-            "2": 'plane = "strain"  # thick parts; "stress" is for sheets',
+            "2": f'plane = "{answers.get("plane")}"  # "strain" is for thick parts, "stress" for sheets',
             "3": "# influence = \"gaussian\"  # weights of bonds by their length; constant without it",
         }[dim],
         "density": f"density = {_text(DENSITY[units])}\n" if kind == "motion" else "",
@@ -199,7 +199,7 @@ def case_text(answers: dict[str, Any], first: str = "") -> str:
         "end_time": _rounded(2 * length / speed),
         "energy": _rounded(0.02 * STRAIN**2 * modulus * area * length),
         "model": answers["model"],
-        "fixed": "any" if dim == "1" else "1/4",
+        "fixed": "any" if dim == "1" else "1/3" if answers.get("plane") == "stress" else "1/4",
     }  # fmt: skip
     values["held"] = "pulled" if kind == "fracture" else "clamp"
     shape = {"1": "A bar", "2": "A plate", "3": "A block"}[dim]

@@ -11,6 +11,7 @@ from pdpetsc.advice import RULES, advise
 from pdpetsc.case import Case
 from pdpetsc.census import QUICK
 from pdpetsc.commands import OPTIONS
+from pdpetsc.errors import InputError
 from pdpetsc.newcase.questions import answers
 from pdpetsc.newcase.text import case_text
 from pdpetsc.prediction import predict
@@ -133,3 +134,27 @@ def test_nothing_is_said_of_new_cases(kind, dim):
     text = case_text(answers({"kind": kind, "dim": dim, "model": "ordinary"}, False))
     chosen = Case.from_document(tomllib.loads(text), "my", None, "my.toml", False)
     assert advise(chosen, predict(chosen, 1, QUICK)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sets": {"clamp": "X < 0", "pulled": "X > 12"}}, "sets.pulled: no particle lies in this set; .* X from -"),
+        ({"load": {"kind": "traction", "surface": "up", "component": "x", "value": 1.0}}, "load.1.surface: nothing of"),
+    ],
+)
+def test_what_holds_nothing_is_refused_by_check_too(change, message):
+    """As by the run, for bodies that are quickly made."""
+    from petsc4py import PETSc
+
+    from pdpetsc.building import check_places
+
+    clamp = {"kind": "displacement", "set": "clamp", "component": "all", "value": 0.0}
+    force = {"kind": "force", "set": "pulled", "component": "x", "value": 1.0}
+    document = {
+        "body": {"size": [10.0, 4.0], "spacing": 1.0, "horizon": 2.015, "layers": {"left": "horizon"}},
+        "sets": change.get("sets", {"clamp": "X < 0", "pulled": "X > 9"}), "surfaces": {"up": "NX > 2"},
+        "material": {"any": {"model": "ordinary", "E": 1.0, "nu": 0.25}}, "load": [clamp, change.get("load", force)],
+    }  # fmt: skip
+    with pytest.raises(InputError, match=message):
+        check_places(PETSc.COMM_WORLD, Case.from_document(document, "part", None, "part.toml", False))

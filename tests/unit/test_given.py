@@ -489,6 +489,17 @@ def test_files_that_are_no_meshes(name, text, message, tmp_path, monkeypatch):
         built({"mesh": str(tmp_path / name)})
 
 
+@pytest.mark.parametrize("kind", ["hexahedron", "wedge", "quad"])
+def test_corners_in_another_order_are_refused(kind, tmp_path):
+    """Two corners of one face changed places: half of the volume would be there, and another half behind it."""
+    corners = np.array(CORNERS[kind], float)
+    dim, order = corners.shape[1], np.arange(len(corners))
+    order[[0, 1]] = order[[1, 0]]
+    mesh = meshio.Mesh(np.pad(corners, ((0, 0), (0, 3 - dim))), [(kind, np.arange(len(corners))[None, order])])
+    with pytest.raises(InputError, match=rf"cell 1 \({kind}\) has (facets that cross|no )"):
+        given_by(written(tmp_path / "part.vtu", mesh), dimension=dim)
+
+
 def test_groups_that_are_not_there(tmp_path):
     path = written(tmp_path / "part.msh", tagged(), "gmsh22")
     load = [{"kind": "traction", "surface": "a", "component": "x", "value": 1.0}]

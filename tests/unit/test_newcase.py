@@ -49,12 +49,16 @@ def test_small_ones_run_and_do_as_they_expect(kind, tmp_path, monkeypatch):
 
 
 def test_questions_are_asked_again_until_they_are_answered(monkeypatch, capsys):
-    said = iter(["tear", "fracture", "2", "bond", "mm", "100", "200,-100", "200,100", "stiff", "70e3"])
+    words = ["tear", "fracture", "2", "bond", "mm", "100", "200,-100", "200,100", "", "plain", "stress", "x", "70e3"]
+    said = iter(words)
     monkeypatch.setattr("builtins.input", lambda prompt: next(said))
     found = answers({}, True)
-    assert found == {"kind": "fracture", "dim": "2", "model": "bond", "units": "mm", "size": (200, 100), "E": 70e3}
+    assert found == {
+        "kind": "fracture", "dim": "2", "model": "bond", "units": "mm", "size": (200, 100), "thickness": 25,
+        "plane": "stress", "E": 70e3,
+    }  # fmt: skip
     out = capsys.readouterr().out.splitlines()
-    assert len(out) == 4 and out[0].startswith("  must be one of tension, fracture, motion, not 'tear'")
+    assert len(out) == 5 and out[0].startswith("  must be one of tension, fracture, motion, not 'tear'")
 
 
 def test_enter_takes_the_defaults_and_leaving_writes_nothing(monkeypatch):

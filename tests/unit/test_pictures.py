@@ -48,14 +48,15 @@ def shown(tmp_path, summary, view):
 
 def test_signed_components_part_at_zero(tmp_path):
     title, label, (low, high), colours = shown(tmp_path, made(tmp_path, 2), View("stress", "xx"))
-    assert title == "A $block$\nt = 1" and label == "stress xx [MPa]"
+    assert title == "A $block$\nt = 1\nlargest 5.2 MPa at (0.5, 5.5), smallest -4.8 MPa at (0.5, 0.5)"
+    assert label == "stress xx [MPa]"
     assert low == -high and high == pytest.approx(2 * 2.6) and colours == plot.SIGNED
 
 
 def test_values_of_one_sign_use_all_colours(tmp_path):
     summary = made(tmp_path, 2, mode="verlet")
     title, label, limits, colours = shown(tmp_path, summary, View("u", "y", step=1))
-    assert title == "A $block$\nt = 0.5 s" and label == "displacement y [mm]"
+    assert title == "A $block$\nt = 0.5 s\nlargest 0.75 mm at (7.5, 0.5)" and label == "displacement y [mm]"
     assert limits == pytest.approx((0.05, 0.75)) and colours == plot.COLOURS
     assert shown(tmp_path, summary, View("stress", "2"))[1] == "principal stress 2 [MPa]"
     assert shown(tmp_path, summary, View("stress"))[1] == "von Mises stress [MPa]"
@@ -66,7 +67,10 @@ def test_small_displacements_are_enlarged_and_it_is_said(tmp_path):
     summary = made(tmp_path, 2)
     with h5py.File(tmp_path / "fields.h5", "a") as file:
         file["00002/u"][...] *= 1e-4
-    assert shown(tmp_path, summary, View("stress"))[0].endswith("t = 1, displacements x 2330")
+    assert shown(tmp_path, summary, View("stress"))[0].splitlines()[1] == "t = 1, displacements x 2330"
+    for scale in (1.0, 7.0):
+        title = shown(tmp_path, summary, View("stress", scale=scale))[0].splitlines()[1]
+        assert title == ("t = 1" if scale == 1 else "t = 1, displacements x 7")
 
 
 def test_a_field_that_is_zero_has_the_colours_of_zero(tmp_path):
