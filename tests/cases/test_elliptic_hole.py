@@ -4,7 +4,10 @@ import holes
 import pytest
 
 
-@pytest.mark.parametrize("mode, b, ux, stress, near", [("", 0.006, 2.3, 4.7, 28.1), (":phi8", 0.005, 5.7, None, None)])
+FINE = pytest.param(":phi8", 0.005, 5.7, None, None, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("mode, b, ux, stress, near", [("", 0.006, 2.3, 4.7, 28.1), FINE])
 def test_tables(run_pdpetsc, tmp_path, mode, b, ux, stress, near):
     """Seed 000 Table 4.2 and 4.3, mode (a), and 4.4, phi = 8 stabilised [%]. Measured: u_x 0.12 and 1.10,
     stress 1.30 and 1.41, within a horizon 13.9 and 14.3."""

@@ -178,7 +178,10 @@ def crossing(built: Simulation, y: float) -> np.ndarray:
     return families.per_bond(side) != side[families.neighbours]
 
 
-@pytest.mark.parametrize("mode", ("newton", "relaxation", "verlet", "generalised_alpha"))
+SLOW = pytest.param("relaxation", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("mode", ("newton", SLOW, "verlet", "generalised_alpha"))
 def test_a_crack_grows_in_a_refined_zone(comm, mode):
     """From a notch, step by step; what breaks balances."""
     described = torn({"where": "damage > 0.1", "every": 5 if mode in ("verlet", "generalised_alpha") else 1})
