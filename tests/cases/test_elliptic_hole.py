@@ -3,7 +3,6 @@
 import holes
 import pytest
 
-
 FINE = pytest.param(":phi8", 0.005, 5.7, None, None, marks=pytest.mark.slow)
 
 
