@@ -136,3 +136,10 @@ def _anchors(text):
     """The names of its headings: small letters, digits, - and _, blanks as -."""
     titles = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", text, flags=re.S), re.M)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def test_every_page_is_in_the_site():
+    """What `scripts/docs` would refuse, where it is not installed; reference.md is made by it."""
+    docs = TESTS.parent / "docs"
+    listed = set(re.findall(r"docs/([\w/-]+\.md)", (docs / "mkdocs.yml").read_text().partition("nav:")[2]))
+    assert listed == {str(path.relative_to(docs)) for path in docs.rglob("*.md")} | {"reference.md"}
